@@ -1,11 +1,13 @@
 """What the stages hand to each other, and every convention of the project, stated once.
 
 Canonical frame: right-handed, X right, the object faces -Y, Z up; its bounding box is centred on the origin
-    and its longest side is 1. Voxel (i, j, k) of a 64^3 grid is centred at ((i, j, k) + 0.5) / 64 - 0.5, axes in x, y, z order.
+    and its longest side is 1. Voxel (i, j, k) of a 64^3 grid is centred at ((i, j, k) + 0.5) / 64 - 0.5, axes in x, y, z
+    order.
 World frame: whatever structure from motion chose, in "SfM units"; right-handed, no preferred up.
-Cameras: OpenCV axes (x right, y down, z forward), undistorted pinhole, pixel centres at +0.5: a pixel in column c and row r
-    covers [c, c+1) x [r, r+1), so u = K (cam_from_world X) gives (c + 0.5, r + 0.5) for its middle.
-Transforms are named target_from_source and compose by reading: cam_from_canonical = cam_from_world @ world_from_canonical.
+Cameras: OpenCV axes (x right, y down, z forward), undistorted pinhole, pixel centres at +0.5: a pixel in column c and
+    row r covers [c, c+1) x [r, r+1), so u = K (cam_from_world X) gives (c + 0.5, r + 0.5) for its middle.
+Transforms are named target_from_source and compose by reading:
+    cam_from_canonical = cam_from_world @ world_from_canonical.
 """
 
 from __future__ import annotations
@@ -102,9 +104,7 @@ class Cameras:
     def subset(self, keep: list[int] | np.ndarray) -> Cameras:
         """The cameras at these indices, in that order."""
         keep = [int(i) for i in keep]
-        return Cameras(
-            tuple(self.names[i] for i in keep), self.K[keep], self.cam_from_world[keep], self.sizes[keep]
-        )
+        return Cameras(tuple(self.names[i] for i in keep), self.K[keep], self.cam_from_world[keep], self.sizes[keep])
 
     def scaled(self, factor: float) -> Cameras:
         """The same cameras for images resized by `factor` (sizes rounded; K follows the rounded sizes exactly)."""
@@ -134,7 +134,10 @@ class Poses:
 
     def __post_init__(self) -> None:
         _check(len(self.paths) == len(self.cameras), "one undistorted image a camera is needed")
-        _check(self.points.ndim == 2 and self.points.shape[1] == 3, f"points must be (n, 3), got {self.points.shape}")
+        _check(
+            self.points.ndim == 2 and self.points.shape[1] == 3,
+            f"points must be (n, 3), got {self.points.shape}",
+        )
         _check(self.tracks.shape == (len(self.points), len(self.cameras)), f"tracks: got {self.tracks.shape}")
 
 

@@ -1,0 +1,166 @@
+"""Training pairs (parameters, surface grid) of a procedural model, in resumable shards.
+
+    python -m datasets.synthetic chair --out .cache/data/chair
+
+writes three sets: on-grid training shapes, off-grid training shapes and, never overlapping them, the held-out test
+shapes (paper, sections 3.3 and 4.1). Shape number i of a set depends on the seed and i alone, so that an interrupted
+run goes on where it stopped and gives the same data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import logging
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from datasets.voxels import pack, surface_grid, unpack
+from procmodels import Model, ModelError, load
+from procmodels.space import Params
+
+log = logging.getLogger(__name__)
+
+SHARD = 500
+# Off-grid sets draw from generators seeded with (seed, code, i), so no two sets share a shape.
+SETS = {"train_on": 1, "train_off": 2, "test_on": 3, "test_off": 4}
+
+
+@dataclass(frozen=True)
+class SyntheticOptions:
+    """How many shapes of each set to make, and from which seed."""
+
+    train_on: int = 3000  # on-grid, as in the paper
+    train_off: int = 9000  # scalars drawn continuously: real objects live off the grid
+    test_on: int = 300  # held out, as in the paper
+    test_off: int = 300
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """vectors (n, width) float32 parameter vectors; bits (n, 32768) uint8 packed 64^3 surface grids."""
+
+    vectors: np.ndarray
+    bits: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.vectors)
+
+    def grids(self, index: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(m, 64, 64, 64) bool."""
+        return unpack(self.bits[index])
+
+
+def shape_params(model: Model, which: str, index: int, options: SyntheticOptions) -> Params:
+    """Parameters of shape `index` of a set: on-grid sets share one permutation of the whole grid, disjointly."""
+    if which.endswith("_off"):
+        return model.space.sample(np.random.default_rng([options.seed, SETS[which], index]))
+    order = np.random.default_rng([options.seed, 0]).permutation(model.space.grid_size)
+    place = index if which == "train_on" else model.space.grid_size - 1 - index
+    return model.space.grid_point(int(order[place]))
+
+
+def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptions()) -> None:
+    """Write every set below `out`; shards that are whole (by checksum) and of this space are kept.
+
+    Raises ValueError when the on-grid sets do not fit in the grid or `out` holds data of another space or seed.
+    """
+    if options.train_on + options.test_on > model.space.grid_size:
+        raise ValueError(
+            f"{model.name}: {options.train_on} + {options.test_on} shapes asked for, "
+            f"the grid has {model.space.grid_size}"
+        )
+    manifest = _manifest(out, model, options)
+    for which in SETS:
+        total = getattr(options, which)
+        for start in tqdm(range(0, total, SHARD), desc=which, unit="shard", disable=None):
+            name = f"{which}_{start:06d}.npz"
+            count = min(SHARD, total - start)
+            if manifest["shards"].get(name) == [count, _digest(out / name)]:
+                continue
+            rows = [shape_params(model, which, start + i, options) for i in range(count)]
+            shapes = [model.build(r) for r in rows]
+            grids = np.stack([pack(surface_grid(s.vertices(), s.triangles())) for s in shapes])
+            _write(out / name, vectors=np.stack([model.space.encode(r) for r in rows]), bits=grids)
+            manifest["shards"][name] = [count, _digest(out / name)]
+            _write_json(out / "manifest.json", manifest)
+
+
+def read(out: Path, which: str, space_hash: str) -> Pairs:
+    """One set, whole. Raises ValueError when it is missing, damaged or of another parameter space."""
+    path = out / "manifest.json"
+    if not path.is_file():
+        raise ValueError(f"{out} holds no generated data; make it with: python -m datasets.synthetic CLASS --out {out}")
+    manifest = json.loads(path.read_text())
+    if manifest["space_hash"] != space_hash:
+        raise ValueError(
+            f"{out} holds shapes of space {manifest['space_hash']}, the model now has {space_hash}; "
+            "generate them again into an empty folder"
+        )
+    names = sorted(n for n in manifest["shards"] if n.startswith(which + "_"))
+    parts = []
+    for name in names:
+        if manifest["shards"][name][1] != _digest(out / name):
+            raise ValueError(f"{out / name} is damaged or missing; run python -m datasets.synthetic again to remake it")
+        with np.load(out / name, allow_pickle=False) as data:
+            parts.append((data["vectors"], data["bits"]))
+    if not parts:
+        raise ValueError(f"{out} holds no {which} shapes")
+    return Pairs(np.concatenate([v for v, _ in parts]), np.concatenate([b for _, b in parts]))
+
+
+def _manifest(out: Path, model: Model, options: SyntheticOptions) -> dict:
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "manifest.json"
+    head = {"class": model.name, "space_hash": model.space.hash, "seed": options.seed}
+    if not path.exists():
+        return {**head, "shards": {}}
+    manifest = json.loads(path.read_text())
+    if any(manifest.get(k) != v for k, v in head.items()):
+        raise ValueError(f"{out} holds data of another model, space or seed; choose an empty folder")
+    return manifest
+
+
+def _digest(path: Path) -> str | None:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.is_file() else None
+
+
+def _write(path: Path, **arrays: np.ndarray) -> None:
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    partial.replace(path)
+
+
+def _write_json(path: Path, content: dict) -> None:
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(content, indent=1))
+    partial.replace(path)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m datasets.synthetic", description=__doc__.split("\n")[0])
+    parser.add_argument("model", help="class name, or the path of a model's .py file")
+    parser.add_argument("--out", type=Path, required=True)
+    defaults = SyntheticOptions()
+    for field in ("train_on", "train_off", "test_on", "test_off", "seed"):
+        parser.add_argument(f"--{field.replace('_', '-')}", type=int, default=getattr(defaults, field))
+    args = parser.parse_args(argv)
+    options = SyntheticOptions(args.train_on, args.train_off, args.test_on, args.test_off, args.seed)
+    try:
+        generate(load(args.model), args.out, options)
+    except (ModelError, ValueError) as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,60 @@
+"""Meshes and point clouds to 64^3 surface grids in the canonical frame, and grids packed as bits.
+
+A surface grid marks every voxel that a triangle touches (REFERENCE: solid grids would lose 0.01-thin boards).
+Voxel (i, j, k) is centred at ((i, j, k) + 0.5) / 64 - 0.5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+RESOLUTION = 64
+
+
+def surface_grid(vertices: np.ndarray, triangles: np.ndarray, resolution: int = RESOLUTION) -> np.ndarray:
+    """(R, R, R) bool, voxels of the unit cube around the origin that any triangle touches.
+
+    vertices (n, 3) float in canonical units, triangles (m, 3) int. Geometry outside the cube is ignored.
+    """
+    import open3d as o3d
+
+    # The mesh is shrunk by a hair: faces that lie exactly on a border of the cube (the longest side always does)
+    # would otherwise fall outside, or on the next voxel, by rounding.
+    points = np.asarray(vertices, float) * (1 - 1e-6)
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(np.asarray(triangles, np.int32))
+    )
+    grid = o3d.geometry.VoxelGrid.create_from_triangle_mesh_within_bounds(
+        mesh, 1 / resolution, np.full(3, -0.5), np.full(3, 0.5)
+    )
+    return _filled(np.array([v.grid_index for v in grid.get_voxels()]), resolution)
+
+
+def point_grid(points: np.ndarray, resolution: int = RESOLUTION) -> np.ndarray:
+    """(R, R, R) bool, voxels that hold any of the (n, 3) points, given in canonical units."""
+    index = np.floor((np.asarray(points, float) * (1 - 1e-6) + 0.5) * resolution).astype(int)
+    return _filled(index[((index >= 0) & (index < resolution)).all(1)], resolution)
+
+
+def voxel_centres(resolution: int = RESOLUTION) -> np.ndarray:
+    """(R, R, R, 3) float, canonical coordinates of every voxel's centre."""
+    axis = (np.arange(resolution) + 0.5) / resolution - 0.5
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1)
+
+
+def pack(grid: np.ndarray) -> np.ndarray:
+    """(..., R, R, R) bool to (..., R^3 / 8) uint8."""
+    return np.packbits(grid.reshape(*grid.shape[:-3], -1), axis=-1)
+
+
+def unpack(bits: np.ndarray, resolution: int = RESOLUTION) -> np.ndarray:
+    """The inverse of pack."""
+    flat = np.unpackbits(bits, axis=-1, count=resolution**3)
+    return flat.reshape(*bits.shape[:-1], resolution, resolution, resolution).astype(bool)
+
+
+def _filled(index: np.ndarray, resolution: int) -> np.ndarray:
+    grid = np.zeros((resolution,) * 3, bool)
+    if len(index):
+        grid[tuple(index.T)] = True
+    return grid

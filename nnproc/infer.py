@@ -1,0 +1,98 @@
+"""Trained networks: saving, loading with checks, and the two direct tasks.
+
+Task 1, parameters to shape: SD(PE(p)). Task 2, shape to parameters: PD(SE(s)) (paper, sections 4.2.1 and 4.2.2).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from nnproc.network import NetworkConfig, NNProc
+from procmodels.space import Params, ParamSpace
+
+WEIGHTS = Path(__file__).parent / "weights"
+
+
+class WeightsError(ValueError):
+    """Weights that are missing, damaged, or of another class or parameter space."""
+
+
+def device() -> torch.device:
+    """CUDA when it is there, else the CPU."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def save_network(path: Path, network: NNProc) -> None:
+    """Write the weights with everything that rebuilds and checks them; whole or not at all."""
+    metadata = {
+        "class": network.space.name,
+        "space_hash": network.space.hash,
+        "config": json.dumps(asdict(network.config)),
+    }
+    tensors = {k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}
+    partial = path.with_suffix(".partial")
+    save_file(tensors, partial, metadata)
+    partial.replace(path)
+
+
+def load_network(space: ParamSpace, path: Path | None = None) -> NNProc:
+    """The trained network of a space, in evaluation mode; `path` defaults to the shipped weights.
+
+    Raises WeightsError when the file is missing, damaged, or of another class or parameter space.
+    """
+    path = path or WEIGHTS / f"{space.name}.safetensors"
+    if not path.is_file():
+        raise WeightsError(
+            f"there are no weights at {path}; train them with: python -m nnproc.train {space.name} --out {path}"
+        )
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {k: file.get_tensor(k) for k in file.keys()}  # noqa: SIM118 (not a dict)
+    except (SafetensorError, OSError) as error:
+        raise WeightsError(f"{path} is not a readable safetensors file ({error}); restore or retrain it") from error
+    if metadata.get("class") != space.name or metadata.get("space_hash") != space.hash:
+        raise WeightsError(
+            f"{path} was trained for {metadata.get('class')} (space {metadata.get('space_hash')}), but the model is "
+            f"{space.name} (space {space.hash}); retrain with: python -m nnproc.train {space.name}"
+        )
+    try:
+        network = NNProc(space, NetworkConfig(**json.loads(metadata["config"])))
+        network.load_state_dict(tensors)
+    except (KeyError, TypeError, RuntimeError, ValueError) as error:
+        raise WeightsError(f"{path} does not fit the network it describes: {error}") from error
+    network = network.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
+    return network.to(device()).eval().requires_grad_(False)
+
+
+@torch.inference_mode()
+def grids_from_params(network: NNProc, vectors: Tensor, batch: int = 32) -> np.ndarray:
+    """Task 1: (n, width) parameter vectors to (n, 64, 64, 64) bool grids."""
+    with torch.autocast(device().type, torch.bfloat16):
+        parts = [network.decode_grid(network.encode_params(v.to(device()))) > 0 for v in vectors.split(batch)]
+    return torch.cat(parts).cpu().numpy()
+
+
+@torch.inference_mode()
+def values_from_grids(network: NNProc, grids: np.ndarray, batch: int = 32) -> Tensor:
+    """Task 2: (n, 64, 64, 64) bool grids to (n, width) activated parameter values."""
+    parts = []
+    for start in range(0, len(grids), batch):
+        x = torch.from_numpy(grids[start : start + batch]).to(device(), torch.float32)
+        with torch.autocast(device().type, torch.bfloat16):
+            mean, _ = network.encode_grid(x)
+        parts.append(network.decode_params(mean))
+    return torch.cat(parts).cpu()
+
+
+def params_from_grids(network: NNProc, grids: np.ndarray) -> list[Params]:
+    """Task 2, as parameter sets."""
+    return network.codec.params(values_from_grids(network, grids))
