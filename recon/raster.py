@@ -124,8 +124,8 @@ def _fill(in_camera: np.ndarray, topology: _Topology, K: np.ndarray, sizes: np.n
     offsets = np.concatenate([[0], np.cumsum((widths + 1) * heights)])
     cover = np.zeros(offsets[-1], np.int16)
     np.add.at(cover, offsets[view[at]] + row * (width + 1) + column, weight[at].astype(np.int16))
-    pieces = zip(np.split(cover, offsets[1:-1]), heights, widths, strict=True)
-    return [(np.cumsum(c, dtype=np.int16).reshape(h, w + 1) != 0)[:, :w] for c, h, w in pieces]
+    pieces = zip(offsets[:-1], offsets[1:], heights, widths, strict=True)
+    return [(np.cumsum(cover[low:high], dtype=np.int16).reshape(h, w + 1) != 0)[:, :w] for low, high, h, w in pieces]
 
 
 def _fill_clipped(shape: Shape, in_camera: np.ndarray, K: np.ndarray, size: np.ndarray) -> np.ndarray:
