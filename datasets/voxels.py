@@ -33,7 +33,7 @@ def surface_grid(vertices: np.ndarray, triangles: np.ndarray, resolution: int = 
 def point_grid(points: np.ndarray, resolution: int = RESOLUTION) -> np.ndarray:
     """(R, R, R) bool, voxels that hold any of the (n, 3) points, given in canonical units."""
     index = np.floor((np.asarray(points, float) * (1 - 1e-6) + 0.5) * resolution).astype(int)
-    return _filled(index[((index >= 0) & (index < resolution)).all(1)], resolution)
+    return _filled(index, resolution)
 
 
 def voxel_centres(resolution: int = RESOLUTION) -> np.ndarray:
@@ -55,6 +55,6 @@ def unpack(bits: np.ndarray, resolution: int = RESOLUTION) -> np.ndarray:
 
 def _filled(index: np.ndarray, resolution: int) -> np.ndarray:
     grid = np.zeros((resolution,) * 3, bool)
-    if len(index):
-        grid[tuple(index.T)] = True
+    index = index.reshape(-1, 3)
+    grid[tuple(index[((index >= 0) & (index < resolution)).all(1)].T)] = True
     return grid

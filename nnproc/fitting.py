@@ -4,8 +4,8 @@ A free latent drifts to places where SD draws the right silhouette and PD reads 
 the two latent spaces agree: PE(PD(z)) = z. Starts come from a bank of generated shapes ranked by their own silhouettes
 and, when there is one, from the visual hull through SE. `PAPER` is the procedure of the paper's section 4.2.4.
 
-The object may face any of four sides of the given canonical box: start b is drawn turned by turns[b] quarter turns about
-Z, anticlockwise seen from above (from X towards Y), before it is compared.
+The object may face any of four sides of the given canonical box: start b is drawn turned by turns[b] quarter turns
+about Z, anticlockwise seen from above (from X towards Y), before it is compared.
 """
 
 from __future__ import annotations

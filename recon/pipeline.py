@@ -1,0 +1,142 @@
+"""The whole reconstruction as a straight list of stages; finished ones whose inputs are unchanged are skipped."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from nnproc.infer import WeightsError, load_network
+from procmodels import Model, ModelError, load
+from procmodels.blender import BlenderMissing, require
+from recon import align, fit, frames, hull, judge, outputs, poses, refine, scene, silhouettes
+from recon.outputs import OutputPaths
+from recon.scene import InputError
+from recon.store import Store, code_version, dataclasses_of, digest, folder_digest
+from recon.versions import versions
+
+log = logging.getLogger("recon")
+STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", "outputs")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class ReconOptions:
+    """What the user asked for, and the options of every stage."""
+
+    class_name: str = "chair"  # a model of procmodels, or the path of a model's .py file
+    masks: Path | None = None  # folder of the user's own masks
+    height: float | None = None  # real height of the object in metres
+    seed: int = 0
+    force: bool = False  # redo every stage
+    start: str | None = None  # redo from this stage on
+    frames: frames.FramesOptions = field(default_factory=frames.FramesOptions)
+    poses: poses.PosesOptions = field(default_factory=poses.PosesOptions)
+    silhouettes: silhouettes.SilhouetteOptions = field(default_factory=silhouettes.SilhouetteOptions)
+    align: align.AlignOptions = field(default_factory=align.AlignOptions)
+    hull: hull.HullOptions = field(default_factory=hull.HullOptions)
+    fit: fit.FitOptions = field(default_factory=fit.FitOptions)
+    refine: refine.RefineOptions = field(default_factory=refine.RefineOptions)
+    outputs: outputs.OutputsOptions = field(default_factory=outputs.OutputsOptions)
+
+
+def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> OutputPaths:
+    """Reconstruct the object in a folder of photos into the folder `out`.
+
+    Raises InputError (the user's input or options) or ReconstructionError (no result possible); whatever was finished
+    before stays in `out/.recon` and is used by the next run.
+    """
+    model = _checked(photos, out, options)
+    work = out / ".recon"
+    stages = _Stages(work, options, [folder_digest(photos), model.space.hash, code_version()])
+
+    shots = stages.run("frames", options.frames, lambda: frames.run(photos, work, options.frames))
+    placed = stages.run("poses", options.poses, lambda: poses.run(shots, work, options.poses))
+    masks = stages.run(
+        "silhouettes",
+        [options.silhouettes, folder_digest(options.masks)],
+        lambda: silhouettes.run(shots, placed, options.masks, work, options.silhouettes),
+    )
+    place = stages.run("align", options.align, lambda: align.run(placed, masks, options.align))
+    solid = stages.run("hull", options.hull, lambda: hull.run(placed, masks, place, options.hull))
+    found = stages.run("fit", options.fit, lambda: fit.run(model, placed, masks, place, solid, options.fit))
+    refined = stages.run(
+        "refine", options.refine, lambda: refine.run(model, placed, masks, place, found, options.refine)
+    )
+    verdict = judge.run(model, placed, masks, refined, len(shots.names))
+    result = outputs.Result(
+        class_name=model.name,
+        params=refined.params,
+        frames=shots,
+        poses=placed,
+        silhouettes=masks,
+        canonical=refined.canonical,
+        view_iou=verdict.view_iou,
+        confidence=verdict.confidence,
+        explanation=verdict.explanation,
+        alternatives=refined.alternatives,
+        seconds=stages.seconds,
+        warnings=(*placed.warnings, *verdict.warnings),
+        seed=options.seed,
+        height_m=options.height,
+        versions=versions(),
+    )
+    log.info("[8/8] outputs")
+    return outputs.run(result, out, options.outputs, model)
+
+
+class _Stages:
+    """Runs stages through the store; a stage's key covers its options and the keys of all stages before it."""
+
+    def __init__(self, work: Path, options: ReconOptions, inputs: list[str]) -> None:
+        known = dataclasses_of(scene, hull, fit, refine)
+        self.store, self.seconds = Store(work, known), {}  # type: tuple[Store, dict[str, float]]
+        self.chain = digest(inputs, options.seed)
+        if options.force or options.start:
+            self.store.forget(STAGES[0 if options.force else STAGES.index(str(options.start)) :])
+
+    def run(self, name: str, options: Any, compute: Callable[[], Result]) -> Result:
+        """One stage's result, computed or taken from the store; `seconds` tells what computing it took."""
+        self.chain = digest(self.chain, name, options if isinstance(options, list) else [options])
+        place = f"[{STAGES.index(name) + 1}/{len(STAGES)}] {name}"
+        if (stored := self.store.load(name, self.chain)) is not None:
+            log.info("%s: unchanged, skipped", place)
+            result, self.seconds[name] = stored
+            return result
+        log.info("%s", place)
+        started = time.monotonic()
+        result = compute()
+        self.seconds[name] = round(time.monotonic() - started, 2)
+        self.store.save(name, self.chain, result, self.seconds[name])
+        return result
+
+
+def _checked(photos: Path, out: Path, options: ReconOptions) -> Model:
+    """Everything that can be found wrong before minutes are spent. Raises InputError."""
+    if not photos.is_dir():
+        raise InputError(f"{photos} is not a folder; give the folder that holds the photos")
+    if options.masks is not None and not options.masks.is_dir():
+        raise InputError(f"{options.masks} is not a folder; --masks wants the folder that holds the masks")
+    if options.height is not None and not 0.01 <= options.height <= 100:
+        raise InputError(f"--height is in metres, from 0.01 to 100; got {options.height:g}")
+    if options.start is not None and options.start not in STAGES:
+        raise InputError(f"there is no stage {options.start!r}; stages: {', '.join(STAGES)}")
+    try:
+        model = load(options.class_name)
+        load_network(model.space)
+        require("bpy")
+    except (ModelError, WeightsError, BlenderMissing) as error:
+        raise InputError(str(error)) from error
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"the output folder {out} cannot be written ({error.strerror}); choose another with --out"
+        ) from error
+    return model

@@ -1,0 +1,80 @@
+"""From photos of a piece of furniture to an editable procedural mesh.
+
+    python run_recon.py photos/ --class chair
+
+Exit codes: 0 done, 2 your input or options, 3 no reconstruction could be made, 130 interrupted (run again to go on).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import sys
+from pathlib import Path
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
+    p.add_argument("photos", type=Path, help="folder of JPEG, PNG or HEIC photos, 20 to 60 from all around")
+    p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help="chair, or a model's .py file")
+    p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
+    p.add_argument("--masks", type=Path, help="folder of your own masks: same names as the photos, white = object")
+    p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
+    p.add_argument("--seed", type=int, default=0, help="same seed, same result (default 0)")
+    p.add_argument("--force", action="store_true", help="redo every stage")
+    p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")
+    p.add_argument("--verbose", action="store_true", help="say more about every stage")
+    return p
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    args = parser().parse_args(argv)
+    logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
+    for noisy in ("PIL", "trimesh", "matplotlib"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
+    # Waiting threads that spin starve the other core's work on small machines; must be set before torch loads.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    from recon.pipeline import ReconOptions, run
+    from recon.scene import ReconError
+
+    options = ReconOptions(
+        class_name=args.class_name,
+        masks=args.masks,
+        height=args.height,
+        seed=args.seed,
+        force=args.force,
+        start=args.start,
+    )
+    out = args.out or Path("out") / args.photos.resolve().name
+    try:
+        paths = run(args.photos, out, options)
+    except ReconError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return error.exit_code
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted; run the same command again to go on from the last finished stage\n")
+        return 130
+    sys.stdout.write(summary(paths.report_json))
+    return 0
+
+
+def summary(report: Path) -> str:
+    """The few lines that end a run."""
+    r = json.loads(report.read_text())
+    values = ", ".join(f"{k} {v if isinstance(v, str) else round(v, 3)}" for k, v in r["params"].items())
+    lines = [
+        f"{r['class']}: {values}",
+        f"outlines agree by {r['mean_iou']:.3f} (mean IoU), {r['registered']['n']} of {r['registered']['of']} photos "
+        f"registered, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",
+        *(f"warning: {w}" for w in r["warnings"]),
+        f"results: {report.parent} (start with report.html)",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
