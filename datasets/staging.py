@@ -1,0 +1,128 @@
+"""What a photo set is made of, decided before rendering: options, the object's place, cameras, focus, exposure.
+
+Canonical frame: X right, object faces -Y, Z up, bounding box centred, longest side 1.
+World frame: metres, Z up, floor at z = 0. Cameras: OpenCV axes, pixel centres at +0.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets import orbits
+from procmodels import studio
+
+Y_UP = (".obj", ".glb", ".gltf")  # formats whose files are usually Y-up; the others are taken as Z-up
+AXES = {s + a: (-1.0 if s == "-" else 1.0) * np.eye(3)[i] for s in ("", "+", "-") for i, a in enumerate("xyz")}
+_RANGES = {"views": (2, 1000), "width": (16, 8192), "height": (16, 8192), "samples": (1, 4096), "quality": (1, 100)}
+
+
+class PhotosetError(ValueError):
+    """The mesh, an option or a photo set on disk is not usable; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class PhotosetOptions:
+    views: int = 28  # photos, half of them on each of two rings
+    width: int = 800  # pixels
+    height: int = 600  # pixels
+    samples: int = 16  # light paths a pixel, before denoising
+    seed: int = 0  # cameras, pictures on floor and walls, light, exposure, focus, paint of bare meshes
+    up: str = "auto"  # the file's up axis: x y z with sign; auto = y for OBJ and glTF, z otherwise
+    front: str = "auto"  # the file's axis that the object faces; auto = +z when y is up, -y otherwise
+    object_height: float = 0.9  # metres
+    lens_mm: float = 32.0  # focal length on a 36 mm wide sensor: focal in pixels = lens_mm / 36 * width
+    quality: int = 88  # JPEG
+    threads: int = 0  # render threads, 0 = all cores
+    rotation: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 1)  # row by row, applied first, in the file's axes
+    source: str = ""  # where the mesh comes from; recorded only
+    licence: str = ""  # of the mesh; recorded only
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in _RANGES.items():
+            if not low <= getattr(self, name) <= high:
+                raise PhotosetError(f"{name} must be {low} to {high}, got {getattr(self, name)}")
+        for name in ("up", "front"):
+            if getattr(self, name) not in ("auto", *AXES):
+                raise PhotosetError(f"{name} must be an axis such as z or -y, got {getattr(self, name)!r}")
+        for name in ("object_height", "lens_mm"):
+            if not 0 < getattr(self, name) < 1e4:
+                raise PhotosetError(f"{name} must be above 0, got {getattr(self, name)}")
+        if self.seed < 0:
+            raise PhotosetError(f"seed must be 0 or more, got {self.seed}")
+
+    @property
+    def focal(self) -> float:
+        """Focal length in pixels."""
+        return self.lens_mm / studio.SENSOR_MM * self.width
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that the seed decides; the same seed gives the same plan, so an interrupted run can go on.
+
+    names                 V file names of the photos
+    K                     (3, 3) float, pixels, shared by all
+    cam_from_world        (V, 4, 4) float, rigid
+    world_from_canonical  (4, 4) float, a similarity; scale = metres of the object's longest side
+    shots                 V, what the studio needs
+    reach                 metres, the farthest camera's distance from the middle of the room, along the floor
+    """
+
+    names: tuple[str, ...]
+    K: np.ndarray
+    cam_from_world: np.ndarray
+    world_from_canonical: np.ndarray
+    shots: tuple[studio.Shot, ...]
+    reach: float
+
+
+def apply(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (n, 3) under a (4, 4) transform."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def canonical_from_file(vertices: np.ndarray, suffix: str, options: PhotosetOptions) -> np.ndarray:
+    """(4, 4) similarity that turns, centres and scales a mesh's vertices (n, 3) into the canonical frame.
+
+    suffix  of the mesh file, such as ".obj"; tells the axes where the options leave them to it
+    """
+    up = options.up if options.up != "auto" else ("y" if suffix.lower() in Y_UP else "z")
+    front = options.front if options.front != "auto" else ("z" if up[-1] == "y" else "-y")
+    z, y = AXES[up], -AXES[front]
+    if abs(z @ y) > 0.5:
+        raise PhotosetError(f"up ({up}) and front ({front}) lie on one axis: give both --up and --front")
+    turn = np.array([np.cross(y, z), y, z]) @ np.array(options.rotation, float).reshape(3, 3)
+    turned = vertices @ turn.T
+    low, high = turned.min(0), turned.max(0)
+    longest = float((high - low).max())
+    if not np.isfinite(longest) or (high - low)[2] <= 1e-6 * longest:
+        raise PhotosetError("the mesh has no height or is not finite: there is nothing to stand on the floor")
+    out = np.eye(4)
+    out[:3, :3] = turn / longest
+    out[:3, 3] = -(low + high) / 2 / longest
+    return out
+
+
+def plan(vertices: np.ndarray, options: PhotosetOptions) -> Plan:
+    """Place object and cameras; `vertices` (n, 3) canonical."""
+    rng = np.random.default_rng([options.seed, 1])
+    scale = options.object_height / np.ptp(vertices[:, 2])
+    yaw = rng.uniform(0, 2 * np.pi)  # the world's axes must not give the object's away
+    place = np.eye(4)
+    place[:2, :2] = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]) * scale
+    place[2, 2], place[2, 3] = scale, options.object_height / 2
+    K = orbits.intrinsics(options.width, options.height, options.focal)
+    size = (options.width, options.height)
+    poses = orbits.plan(apply(place, vertices), options.views, K, size, orbits.Orbit(), rng)
+    places = np.linalg.inv(poses)
+    shots = []
+    for i, world_from_cam in enumerate(places):
+        distance = float(np.linalg.norm(world_from_cam[:3, 3] - place[:3, 3]))
+        exposure, focus, opening = rng.uniform(-0.2, 0.2), rng.uniform(0.92, 1.08), rng.uniform(0.0005, 0.0015)
+        noise = 1000 * options.seed + i
+        shots.append(studio.Shot(world_from_cam, exposure, distance * focus, distance * opening, noise))
+    names = tuple(f"photo_{i:03d}.jpg" for i in range(options.views))
+    reach = float(np.linalg.norm(places[:, :2, 3], axis=1).max())
+    return Plan(names, K, poses, place, tuple(shots), reach)

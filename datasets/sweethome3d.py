@@ -1,0 +1,149 @@
+"""Furniture catalogues of Sweet Home 3D: `.sh3f` files are zip archives of OBJ models with a properties file.
+
+The models are Y-up, face +Z and are in arbitrary units; the catalogue gives their size in centimetres.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+PROPERTIES = "PluginFurnitureCatalog.properties"
+MAX_FILE = 64 << 20  # bytes, unpacked: larger members are refused
+MAX_MODEL = 256 << 20  # bytes, unpacked: all files of one model
+
+
+class CatalogueError(ValueError):
+    """The catalogue or a model in it is not usable; the message says why."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """One entry of a catalogue.
+
+    name      file name of its OBJ without extension (unique enough to ask for it)
+    title     what a person reads
+    member    path of the OBJ inside the archive
+    size      (width, depth, height) in centimetres
+    rotation  nine numbers, row by row: turn that the catalogue wants before use, in the file's axes
+    """
+
+    name: str
+    title: str
+    member: str
+    creator: str
+    licence: str
+    size: tuple[float, float, float]
+    rotation: tuple[float, ...]
+
+
+def read_catalogue(path: Path) -> list[Model]:
+    """All models of a catalogue, in its order."""
+    with _open(path) as archive:
+        text = _read(archive, PROPERTIES).decode("latin-1")
+    table = dict(re.findall(r"^\s*([\w#]+)\s*[=:]\s*(.*?)\s*$", text, re.MULTILINE))
+    numbers = sorted(int(key[6:]) for key in table if re.fullmatch(r"model#\d+", key))
+    return [_model(table, n) for n in numbers]
+
+
+def _model(table: dict[str, str], n: int) -> Model:
+    member = table[f"model#{n}"].lstrip("/")
+    try:
+        width, depth, height = (float(table.get(f"{key}#{n}", "0")) for key in ("width", "depth", "height"))
+        rotation = tuple(float(v) for v in table.get(f"modelRotation#{n}", "1 0 0 0 1 0 0 0 1").split())
+    except ValueError as error:
+        raise CatalogueError(f"entry {n} ({member}): {error}") from error
+    if len(rotation) != 9:
+        raise CatalogueError(f"entry {n} ({member}): modelRotation needs nine numbers, got {len(rotation)}")
+    return Model(
+        name=PurePosixPath(member).stem,
+        title=table.get(f"name#{n}", ""),
+        member=member,
+        creator=table.get(f"creator#{n}", ""),
+        licence=table.get(f"license#{n}", table.get("license", "")),
+        size=(width, depth, height),
+        rotation=rotation,
+    )
+
+
+def find_model(path: Path, name: str) -> Model:
+    """The model of this name; an unknown name lists near ones."""
+    models = read_catalogue(path)
+    for model in models:
+        if model.name == name:
+            return model
+    near = [m.name for m in models if name.lower() in m.name.lower()] or [m.name for m in models]
+    more = "" if len(near) <= 20 else f" and {len(near) - 20} more"
+    raise CatalogueError(f"{path.name}: no model {name!r}; there are {', '.join(near[:20])}{more}")
+
+
+def extract_model(path: Path, model: Model, folder: Path) -> Path:
+    """Write the OBJ, its MTL files and their textures into `folder`, flat; returns the OBJ's path.
+
+    Only files that the model refers to are written, under their bare names: a member path that climbs out
+    of the archive cannot climb out of `folder`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with _open(path) as archive:
+        budget = MAX_MODEL
+        home = posixpath.dirname(model.member)
+        members = [model.member]
+        obj = _read(archive, model.member)
+        for mtl in _references(obj, rb"mtllib"):
+            found = _locate(archive, home, mtl)
+            if found:
+                members.append(found)
+                texts = _references(_read(archive, found), rb"(?:map_\w+|bump|disp|refl)")
+                members += [m for m in (_locate(archive, home, t) for t in texts) if m]
+        for member in dict.fromkeys(members):
+            data = _read(archive, member)
+            budget -= len(data)
+            if budget < 0:
+                raise CatalogueError(f"{model.name}: more than {MAX_MODEL >> 20} MB of files")
+            (folder / PurePosixPath(member).name).write_bytes(data)
+    return folder / PurePosixPath(model.member).name
+
+
+def _references(text: bytes, keyword: bytes) -> list[str]:
+    """File names after a keyword at the start of a line."""
+    found = re.findall(rb"^[ \t]*" + keyword + rb"[ \t]+(.+?)[ \t\r]*$", text, re.MULTILINE)
+    return [name.decode("utf-8", "replace").replace("\\", "/") for name in found]
+
+
+def _locate(archive: zipfile.ZipFile, home: str, reference: str) -> str | None:
+    """The member that a reference means (names may hold blanks or follow options such as `-s 1 1 1`), or None."""
+    names = set(archive.namelist())
+    for text in (reference, reference.split()[-1]):
+        member = posixpath.normpath(posixpath.join(home, text))
+        if member in names and not member.startswith(("/", "..")):
+            return member
+    return None
+
+
+def _open(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except FileNotFoundError as error:
+        raise CatalogueError(f"{path}: no such file") from error
+    except (zipfile.BadZipFile, OSError) as error:
+        raise CatalogueError(f"{path}: not a .sh3f catalogue ({error})") from error
+
+
+def _read(archive: zipfile.ZipFile, member: str) -> bytes:
+    """A member's bytes; the declared size is checked first and the real one never exceeds it by more than a byte."""
+    try:
+        info = archive.getinfo(member)
+        if info.file_size > MAX_FILE:
+            raise CatalogueError(f"{member}: {info.file_size >> 20} MB unpacked, more than {MAX_FILE >> 20} MB")
+        with archive.open(info) as stream:
+            data = stream.read(MAX_FILE + 1)
+    except KeyError as error:
+        raise CatalogueError(f"{archive.filename}: there is no {member} in it") from error
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError) as error:
+        raise CatalogueError(f"{archive.filename}: {member} is damaged ({error})") from error
+    if len(data) > MAX_FILE:
+        raise CatalogueError(f"{member}: more than {MAX_FILE >> 20} MB unpacked")
+    return data
