@@ -31,9 +31,7 @@ def check_cameras(K: Tensor, cam_from_canonical: Tensor) -> int:
     if K.ndim != 3 or K.shape[1:] != (3, 3):
         raise ValueError(f"K must be (V, 3, 3), got {tuple(K.shape)}")
     if cam_from_canonical.shape != (len(K), 4, 4):
-        raise ValueError(
-            f"cam_from_canonical must be ({len(K)}, 4, 4), got {tuple(cam_from_canonical.shape)}"
-        )
+        raise ValueError(f"cam_from_canonical must be ({len(K)}, 4, 4), got {tuple(cam_from_canonical.shape)}")
     return len(K)
 
 
@@ -55,9 +53,7 @@ def look_at_cameras(
         K (V, 3, 3) in pixels and cam_from_canonical (V, 4, 4), float64.
     """
     if len(azimuth_deg) != len(elevation_deg):
-        raise ValueError(
-            f"one elevation an azimuth is needed, got {len(azimuth_deg)} and {len(elevation_deg)}"
-        )
+        raise ValueError(f"one elevation an azimuth is needed, got {len(azimuth_deg)} and {len(elevation_deg)}")
     azimuth = torch.deg2rad(torch.as_tensor(azimuth_deg, dtype=torch.float64))
     elevation = torch.deg2rad(torch.as_tensor(elevation_deg, dtype=torch.float64))
     zero = torch.zeros_like(azimuth)
@@ -84,9 +80,7 @@ def paper_cameras(size: int = 128) -> tuple[Tensor, Tensor]:
     return look_at_cameras([150, 165, 150, 165], [20, 20, 35, 35], 1.1, 30.0, size)
 
 
-def select_pixels(
-    pixels: Tensor | Sequence[Tensor] | None, n_views: int, height: int, width: int
-) -> list[Tensor]:
+def select_pixels(pixels: Tensor | Sequence[Tensor] | None, n_views: int, height: int, width: int) -> list[Tensor]:
     """V int64 tensors of flat pixel indices row * width + column.
 
     Args:
@@ -111,9 +105,7 @@ def select_pixels(
         if view.ndim != 1 or view.is_floating_point() or view.dtype == torch.bool:
             raise ValueError(f"pixel indices must be 1-d integers, got {tuple(view.shape)} {view.dtype}")
         if len(view) and (int(view.min()) < 0 or int(view.max()) >= height * width):
-            raise ValueError(
-                f"pixel indices must lie in [0, {height * width}), got {view.min()} to {view.max()}"
-            )
+            raise ValueError(f"pixel indices must lie in [0, {height * width}), got {view.min()} to {view.max()}")
     return [view.long() for view in pixels]
 
 

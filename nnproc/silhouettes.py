@@ -36,9 +36,7 @@ def _csr(matrix: scipy.sparse.csr_matrix) -> Tensor:
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
         crow = torch.from_numpy(matrix.indptr).int()
         col = torch.from_numpy(matrix.indices).int()
-        return torch.sparse_csr_tensor(
-            crow, col, torch.from_numpy(matrix.data), matrix.shape, check_invariants=False
-        )
+        return torch.sparse_csr_tensor(crow, col, torch.from_numpy(matrix.data), matrix.shape, check_invariants=False)
 
 
 def _scipy_csr(matrix: Tensor) -> scipy.sparse.csr_matrix:
@@ -118,9 +116,7 @@ class RayOperator:
         """Values of images (V, H, W) at the rays: (n_rays,), for example a mask to compare `render` with."""
         if images.shape != self.shape:
             raise ValueError(f"images must be {self.shape}, got {tuple(images.shape)}")
-        return images[
-            self.view, self.pixel.div(self.shape[2], rounding_mode="floor"), self.pixel % self.shape[2]
-        ]
+        return images[self.view, self.pixel.div(self.shape[2], rounding_mode="floor"), self.pixel % self.shape[2]]
 
     def scatter(self, values: Tensor, fill: float = 0.0) -> Tensor:
         """Ray values (..., n_rays) as images (..., V, H, W), `fill` where no ray is. Differentiable."""
@@ -128,9 +124,7 @@ class RayOperator:
             raise ValueError(f"values must be (..., {self.n_rays}), got {tuple(values.shape)}")
         n_views, height, width = self.shape
         images = values.new_full((*values.shape[:-1], n_views * height * width), fill)
-        return images.index_copy(-1, self.view * height * width + self.pixel, values).unflatten(
-            -1, self.shape
-        )
+        return images.index_copy(-1, self.view * height * width + self.pixel, values).unflatten(-1, self.shape)
 
 
 def ray_operator(
@@ -164,9 +158,7 @@ def ray_operator(
         parts.append(path_lengths(origin.expand_as(directions), directions, resolution))
     counts, voxels, lengths = (torch.cat(column) for column in zip(*parts, strict=True))
     if not len(counts) or len(lengths) >= 2**31:
-        raise ValueError(
-            f"the operator needs 1 to 2^31 crossings, got {len(counts)} rays and {len(lengths)} crossings"
-        )
+        raise ValueError(f"the operator needs 1 to 2^31 crossings, got {len(counts)} rays and {len(lengths)} crossings")
     crow = torch.cat([counts.new_zeros(1), counts.cumsum(0)]).int()
     weight = scipy.sparse.csr_matrix(
         (lengths.to(dtype).numpy(), voxels.numpy(), crow.numpy()), shape=(len(counts), resolution**3)
@@ -199,9 +191,7 @@ def view_votes(operator: RayOperator, masks: Tensor) -> tuple[Tensor, Tensor]:
         weights = torch.repeat_interleave(on_mask[first:last], crow[first : last + 1].diff())
         voxels, lengths = columns[entries], values[entries]
         total = torch.bincount(voxels, lengths, operator.resolution**3)
-        inside.append(
-            torch.bincount(voxels, lengths * weights, operator.resolution**3) / total.clamp_min(1e-12)
-        )
+        inside.append(torch.bincount(voxels, lengths * weights, operator.resolution**3) / total.clamp_min(1e-12))
         path.append(total)
     side = (len(inside), *(operator.resolution,) * 3)
     return torch.stack(inside).reshape(side), torch.stack(path).reshape(side)
