@@ -36,8 +36,10 @@ def main(argv: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
     for noisy in ("PIL", "trimesh", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
-    # Waiting threads that spin starve the other core's work on small machines; must be set before torch loads.
+    # Threads that spin while they wait starve the other core's work on small machines, and the linear systems here
+    # are tiny. Both must be set before torch and numpy load.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from recon.pipeline import ReconOptions, run
     from recon.scene import ReconError
 

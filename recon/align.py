@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -43,7 +44,7 @@ def run(poses: Poses, silhouettes: Silhouettes, options: AlignOptions = AlignOpt
         points, step = _carved(cameras, masks, world_from_floor, low, high, cells, options.agreement)
         low, high = points.min(0) - 2 * step, points.max(0) + 2 * step
         low[2] = max(low[2], 0.0)
-    return Canonical(world_from_floor @ _box_from_canonical(points, step, options.trim))
+    return Canonical(world_from_floor @ _box_from_canonical(points, options.trim))
 
 
 def front_hypotheses(canonical: Canonical) -> list[Canonical]:
@@ -105,13 +106,19 @@ def _carved(
     cells: int,
     agreement: float,
 ) -> tuple[np.ndarray, float]:
-    """Centres (n, 3), in the floor frame, of cells that enough views find inside; and the side of a cell."""
+    """Centres (n, 3), in the floor frame, of cells that enough views find inside; and the side of a cell.
+
+    Masks are widened by half a cell: posts thinner than a cell would slip between the cells' centres otherwise, and
+    what they carry would be lost with them.
+    """
     step = float((high - low).max() / cells)
     axes = [np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)]
     shape = tuple(len(a) for a in axes)
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     inside, seen = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
+    middle = world_from_floor @ [*(low + high) / 2, 1.0]
     for K, pose, mask in zip(cameras.K, cameras.cam_from_world, masks, strict=True):
+        wide = _widened(mask, 0.5 * step * K[0, 0] / max((pose @ middle)[2], step))
         matrix = (K @ (pose @ world_from_floor)[:3]).astype(np.float32)
         u, v, depth = matrix[:, :3] @ points.T.astype(np.float32) + matrix[:, 3:]
         valid = depth > 0
@@ -119,7 +126,7 @@ def _carved(
         column, row = np.floor(u / depth).astype(int), np.floor(v / depth).astype(int)
         valid &= (column >= 0) & (column < mask.shape[1]) & (row >= 0) & (row < mask.shape[0])
         seen += valid
-        inside += valid & mask[np.where(valid, row, 0), np.where(valid, column, 0)]
+        inside += valid & wide[np.where(valid, row, 0), np.where(valid, column, 0)]
     kept = (inside >= agreement * seen) & (seen >= max(2, len(cameras) // 2))
     labels, count = ndimage.label(kept.reshape(shape), np.ones((3, 3, 3)))
     if not count:
@@ -131,13 +138,21 @@ def _carved(
     return points[labels.ravel() == largest], step
 
 
-def _box_from_canonical(points: np.ndarray, step: float, trim: float) -> np.ndarray:
+def _widened(mask: np.ndarray, radius: float) -> np.ndarray:
+    """The mask grown by `radius` pixels."""
+    side = 2 * int(np.ceil(radius)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    return cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)
+
+
+def _box_from_canonical(points: np.ndarray, trim: float) -> np.ndarray:
     """(4, 4) floor_from_canonical: the footprint's smallest rectangle, from the floor to the top."""
     ground = points[:, :2]
 
     def extent(degrees: float) -> tuple[np.ndarray, np.ndarray]:
         turned = ground @ _axes(degrees).T
-        return np.quantile(turned, trim, axis=0) - step / 2, np.quantile(turned, 1 - trim, axis=0) + step / 2
+        # No half cell is added: the masks were widened by as much.
+        return np.quantile(turned, trim, axis=0), np.quantile(turned, 1 - trim, axis=0)
 
     def area(degrees: float) -> float:
         low, high = extent(degrees)
@@ -146,7 +161,7 @@ def _box_from_canonical(points: np.ndarray, step: float, trim: float) -> np.ndar
     best = min(np.arange(0, 90, 2.0), key=area)
     best = min(np.arange(best - 2, best + 2, 0.25), key=area)
     low, high = extent(best)
-    top = np.quantile(points[:, 2], 1 - trim / 4) + step / 2
+    top = np.quantile(points[:, 2], 1 - trim / 4)
     scale = max(*(high - low), top)
     out = np.eye(4)
     out[:2, :2] = _axes(best).T

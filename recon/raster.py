@@ -61,6 +61,20 @@ def silhouettes(shape: Shape, K: np.ndarray, cam_from_canonical: np.ndarray, siz
     return [mask for mask in out if mask is not None]
 
 
+def coverage(shape: Shape, K: np.ndarray, cam_from_canonical: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
+    """As `silhouettes`, but V arrays (H, W) float32: the share of each pixel's middle row that the shape covers.
+
+    It changes with the shape without jumps, which derivatives need. Parts must be closed (each then covers a pixel
+    twice, with its front and its back). Views that the shape reaches behind the camera of are filled without shares.
+    """
+    rotation, translation = cam_from_canonical[:, :3, :3], cam_from_canonical[:, :3, 3]
+    in_camera = shape.vertices() @ rotation.transpose(0, 2, 1) + translation[:, None]
+    if (in_camera[..., 2] < NEAR).any():
+        return [m.astype(np.float32) for m in silhouettes(shape, K, cam_from_canonical, sizes)]
+    topology = _topology(tuple((len(p.vertices), p.faces) for p in shape.parts))
+    return _fill(in_camera, topology, K, sizes, soft=True)
+
+
 def iou(a: np.ndarray, b: np.ndarray) -> float:
     """Intersection over union of two bool arrays of one shape; 1 when both are empty."""
     if a.shape != b.shape:
@@ -93,8 +107,10 @@ def _topology(parts: tuple[tuple[int, tuple[Polygon, ...]], ...]) -> _Topology:
     return _Topology(edges, incidence, np.array(corners, int).reshape(-1, 3))
 
 
-def _fill(in_camera: np.ndarray, topology: _Topology, K: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
-    """Silhouettes from vertices (V, n, 3) in the camera frames, all in front of the cameras."""
+def _fill(
+    in_camera: np.ndarray, topology: _Topology, K: np.ndarray, sizes: np.ndarray, soft: bool = False
+) -> list[np.ndarray]:
+    """Silhouettes (or shares, if soft) from vertices (V, n, 3) in the camera frames, all in front of the cameras."""
     widths, heights = sizes[:, 0].astype(int), sizes[:, 1].astype(int)
     pixels = in_camera @ K.transpose(0, 2, 1)
     pixels = pixels[..., :2] / pixels[..., 2:]
@@ -117,15 +133,25 @@ def _fill(in_camera: np.ndarray, topology: _Topology, K: np.ndarray, sizes: np.n
         slope = (end[:, 0] - start[:, 0]) / (end[:, 1] - start[:, 1])
     x = start[at, 0] + slope[at] * (row + 0.5 - start[at, 1])
     width = widths[view[at]]
-    column = np.clip(np.ceil(x - 0.5), 0, width).astype(int)
 
     # One running sum serves all rows of a view, because every row sums to zero; the spare last column absorbs what
     # lies to the right of the image.
     offsets = np.concatenate([[0], np.cumsum((widths + 1) * heights)])
-    cover = np.zeros(offsets[-1], np.int16)
-    np.add.at(cover, offsets[view[at]] + row * (width + 1) + column, weight[at].astype(np.int16))
-    pieces = zip(offsets[:-1], offsets[1:], heights, widths, strict=True)
-    return [(np.cumsum(cover[low:high], dtype=np.int16).reshape(h, w + 1) != 0)[:, :w] for low, high, h, w in pieces]
+    line = offsets[view[at]] + row * (width + 1)
+    if soft:
+        # The crossed pixel gets the share to the right of the crossing, the next one the rest.
+        x = np.clip(x, 0, width)
+        column = np.minimum(x.astype(int), width - 1)
+        cover = np.bincount(line + column, weight[at] * (column + 1 - x), offsets[-1])
+        cover += np.bincount(line + column + 1, weight[at] * (x - column), offsets[-1])
+    else:
+        column = np.clip(np.ceil(x - 0.5), 0, width).astype(int)
+        cover = np.bincount(line + column, weight[at], offsets[-1])
+    out = []
+    for low, high, h, w in zip(offsets[:-1], offsets[1:], heights, widths, strict=True):
+        times = np.abs(np.cumsum(cover[low:high])).reshape(h, w + 1)[:, :w]
+        out.append(np.clip(times / 2, 0, 1).astype(np.float32) if soft else times > 0.5)
+    return out
 
 
 def _fill_clipped(shape: Shape, in_camera: np.ndarray, K: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ parameter or the front is changed at a time, and a change is kept when the mean 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -20,7 +20,8 @@ from procmodels.space import Params
 from recon.align import quarter_turn
 from recon.crops import Crops, object_crops
 from recon.fit import FitResult
-from recon.raster import silhouettes as rasterised
+from recon.raster import coverage
+from recon.raster import silhouettes as silhouettes_of
 from recon.scene import Canonical, Poses, Silhouettes, cam_from_canonical
 
 
@@ -34,8 +35,8 @@ class RefineOptions:
     candidates: int = 3  # of the fit's, that are polished at all
     sweeps: int = 3  # rounds over the discrete parameters
     tries: int = 4  # the most promising changes of a round that are polished
-    scalar_step: float = 0.02  # finite difference of a scalar, share of its range
-    pose_step: float = 0.006  # finite difference of the alignment, canonical units or radians
+    scalar_step: float = 0.03  # finite difference of a scalar, share of its range
+    pose_step: float = 0.009  # finite difference of the alignment, canonical units or radians
 
 
 @dataclass(frozen=True)
@@ -114,16 +115,16 @@ class _Search:
             self.shapes[key] = self.model.build(self.params(state))
         return self.shapes[key]
 
-    def images(self, state: _State) -> np.ndarray:
-        """(V, S, S) bool, silhouettes in the windows, False outside the photos."""
+    def images(self, state: _State, draw: Callable[..., list[np.ndarray]]) -> np.ndarray:
+        """(V, S, S), the shape drawn into the windows by raster.silhouettes (bool) or raster.coverage (shares)."""
         shape = self._built(state)
         cameras = self.crops.cameras
         poses = cam_from_canonical(cameras, Canonical(state.canonical))
-        return np.stack(rasterised(shape, cameras.K, poses, cameras.sizes)) & self.crops.valid
+        return np.stack(draw(shape, cameras.K, poses, cameras.sizes))
 
     def iou(self, state: _State) -> float:
         """Mean IoU over the views."""
-        images = self.images(state)
+        images = self.images(state, silhouettes_of) & self.crops.valid
         union = (images | self.hard).sum((1, 2))
         return float(np.mean((images & self.hard).sum((1, 2)) / np.maximum(union, 1)))
 
@@ -150,8 +151,10 @@ class _Search:
         return best
 
     def _residual(self, state: _State, blur: float) -> np.ndarray:
-        difference = (self.images(state).astype(np.float32) - self.crops.masks) * self.crops.valid
-        return np.concatenate([cv2.GaussianBlur(d, (0, 0), blur).ravel() for d in difference])
+        difference = (self.images(state, coverage) - self.crops.masks) * self.crops.valid
+        # Two box filters: near enough to a Gaussian of this width, at a tenth of its time.
+        side = 2 * round((np.sqrt(6 * blur**2 + 1) - 1) / 2) + 1
+        return np.concatenate([cv2.blur(cv2.blur(d, (side, side)), (side, side)).ravel() for d in difference])
 
     def _step(self, state: _State, blur: float, damping: float) -> tuple[_State, float, bool]:
         """One damped Gauss-Newton step; returns the state, the next damping, and whether it lowered the error."""
@@ -198,7 +201,7 @@ class _Search:
                 break
             state = self.polish(best)
             score = self.iou(state)
-        final = self.polish(state, blurs=(self.options.blurs[-1], 0.8))
+        final = self.polish(state, blurs=(self.options.blurs[-1], 0.8), steps=2 * self.options.steps)
         return final if self.iou(final) > score else state
 
     def alternatives(self, state: _State) -> tuple[tuple[str, float], ...]:

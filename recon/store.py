@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import types
+import zipfile
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -56,7 +57,7 @@ class Store:
                 return None
             with np.load(self.folder / f"{name}.npz", allow_pickle=False) as arrays:
                 return self._decode(content["result"], dict(arrays)), float(content["seconds"])
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
             # Whatever is wrong with a stored result, making it anew is right.
             return None
 

@@ -4,6 +4,7 @@ import os
 
 # Before torch loads: threads that spin while they wait starve the other core on small machines.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 import procmodels
 from procmodels.shape import Part, Shape
-from recon.raster import iou, silhouettes
+from recon.raster import coverage, iou, silhouettes
 
 CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
@@ -172,3 +172,24 @@ def test_speed(capsys):
             for _ in range(5):
                 silhouettes(shape, K, poses, sizes)
             print(f" 28 views of {width} x {height}: {(time.perf_counter() - start) / 5 * 1e3:.1f} ms")  # noqa: T201
+
+
+def test_coverage_is_the_silhouette_with_soft_edges(rng):
+    model = procmodels.load("chair")
+    K, poses, sizes = cameras(rng, 6, 120, 100)
+    shape = model.build(model.space.sample(rng))
+    for hard, soft in zip(silhouettes(shape, K, poses, sizes), coverage(shape, K, poses, sizes), strict=True):
+        assert soft.dtype == np.float32
+        assert ((soft >= 0) & (soft <= 1)).all()
+        assert np.mean((soft > 0.5) != hard) < 5e-3
+        assert soft.sum() == pytest.approx(hard.sum(), rel=0.03)
+
+
+def test_coverage_moves_smoothly(rng):
+    """A cube moved by a hundredth of a pixel changes the sum of shares by about that much of its outline's height."""
+    K, poses, sizes = cameras(rng, 1, 120, 100)
+    nudge = np.eye(4)
+    nudge[:3, 3] = np.linalg.inv(poses[0])[:3, 0] * 1e-4
+    moved = Shape(tuple(p.moved(nudge) for p in cube().parts))
+    before, after = coverage(cube(), K, poses, sizes)[0], coverage(moved, K, poses, sizes)[0]
+    assert 0 < np.abs(after - before).sum() < 2
