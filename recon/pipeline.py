@@ -6,7 +6,7 @@ import logging
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -51,6 +51,7 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     before stays in `out/.recon` and is used by the next run.
     """
     model = _checked(photos, out, options)
+    options = _seeded(options)
     work = out / ".recon"
     stages = _Stages(work, options, [folder_digest(photos), model.space.hash, code_version()])
 
@@ -87,6 +88,17 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     )
     log.info("[8/8] outputs")
     return outputs.run(result, out, options.outputs, model)
+
+
+def _seeded(options: ReconOptions) -> ReconOptions:
+    """The options with the one seed handed to every stage that draws random numbers."""
+    return replace(
+        options,
+        frames=replace(options.frames, allow_single=options.masks is not None),
+        poses=replace(options.poses, seed=options.seed),
+        silhouettes=replace(options.silhouettes, seed=options.seed),
+        fit=replace(options.fit, latent=replace(options.fit.latent, seed=options.seed)),
+    )
 
 
 class _Stages:
