@@ -51,7 +51,7 @@ def run(input_dir: Path, workdir: Path, options: FramesOptions = FramesOptions()
     # The decoders release the interpreter lock, so threads help; a photo is written as soon as it is read, and only
     # its thumbnail is kept.
     with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
-        found = list(pool.map(lambda item: _copy(*item, out, options), enumerate(files)))
+        found = list(pool.map(lambda i: _copy(i, files[i], out, options), range(len(files))))
     skipped = [(f.name, r.reason) for f, r in zip(files, found, strict=True) if isinstance(r, UnreadablePhoto)]
     kept = [r for r in found if isinstance(r, _Kept)]
     if not kept:

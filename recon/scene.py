@@ -123,6 +123,7 @@ class Poses:
     points    (n, 3) float, sparse points in the world frame, SfM units
     tracks    (n, V) bool, which camera saw which point
     unregistered  names of photos that could not be placed
+    distortion (V,) float or None (no distortion): radial k1 that was taken out of each photo
     """
 
     cameras: Cameras
@@ -131,8 +132,10 @@ class Poses:
     tracks: np.ndarray
     unregistered: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    distortion: np.ndarray | None = None
 
     def __post_init__(self) -> None:
+        _check(self.distortion is None or self.distortion.shape == (len(self.cameras),), "one distortion a camera")
         _check(len(self.paths) == len(self.cameras), "one undistorted image a camera is needed")
         _check(
             self.points.ndim == 2 and self.points.shape[1] == 3,
