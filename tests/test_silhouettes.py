@@ -208,7 +208,8 @@ class TestRayOperator:
     def test_equals_product_of_transparencies(self, cameras):
         op = ray_operator(*cameras, 64, 64, resolution=8, pixels=[torch.tensor([2080, 2200])] * 3, dtype=torch.float64)
         logits = torch.randn(8, 8, 8, dtype=torch.float64)
-        product = ((1 - torch.sigmoid(logits)).flatten() ** op.weight.to_dense()).prod(-1)
+        transparency = silhouettes._blocked(1 - torch.sigmoid(logits))[:, 0]
+        product = (transparency ** op.weight.to_dense()).prod(-1)
         assert torch.allclose(op.render(logits), 1 - product)
 
     @pytest.mark.parametrize("has_mkl", [True, False])
@@ -441,9 +442,16 @@ class TestVisualHull:
         assert inside.shape == path.shape == (3, 64, 64, 64)
         assert inside.min() >= 0
         assert inside.max() <= masks.max() + 1e-6
-        dense_ray = int(torch.argmax(operator.weight.crow_indices().diff()))
-        voxel = int(operator.weight.col_indices()[operator.weight.crow_indices()[dense_ray]])
-        assert path.flatten(1)[operator.view[dense_ray], voxel] > 0
+
+    def test_only_voxels_on_the_ray_of_a_one_pixel_mask_are_inside(self, cameras, operator):
+        K, cam_from_canonical = cameras
+        masks = torch.zeros(3, 64, 64)
+        masks[1, 30, 34] = 1
+        inside, _ = view_votes(operator, masks)
+        origin, directions = pixel_rays(K[1], cam_from_canonical[1], torch.tensor([30 * 64 + 34]), 64)
+        _, voxels, _ = path_lengths(origin[None], directions, 64)
+        assert (inside[1].flatten().nonzero()[:, 0] == voxels.long().sort().values).all()
+        assert not inside[[0, 2]].any()
 
     def test_min_views(self, operator):
         masks = torch.ones(3, 64, 64)
