@@ -18,8 +18,8 @@ class BlenderMissing(RuntimeError):
     """Blender's Python module cannot be used; the message says why and what to install."""
 
 
-def _import(name: str) -> Any:
-    """bpy, bmesh or mathutils, with an explanation when they cannot be loaded."""
+def require(name: str) -> Any:
+    """bpy, bmesh or mathutils; raises BlenderMissing, with an explanation, when they cannot be loaded."""
     try:
         import bpy
 
@@ -44,7 +44,7 @@ def box(
     matrix: np.ndarray | None = None,
 ) -> Part:
     """An axis-aligned box between two corners, its edges rounded by `bevel`, then moved by a (4, 4) matrix."""
-    bmesh, mathutils = _import("bmesh"), _import("mathutils")
+    bmesh, mathutils = require("bmesh"), require("mathutils")
     low, high = np.asarray(list(low), float), np.asarray(list(high), float)
     place = mathutils.Matrix.Translation((low + high) / 2) @ mathutils.Matrix.Diagonal((*(high - low), 1))
     bm = bmesh.new()
@@ -63,7 +63,7 @@ def cylinder(
     top_radius: float | None = None,
 ) -> Part:
     """A cylinder (or cone frustum) between the centres of its two end discs."""
-    bmesh, mathutils = _import("bmesh"), _import("mathutils")
+    bmesh, mathutils = require("bmesh"), require("mathutils")
     start, end = mathutils.Vector(tuple(bottom)), mathutils.Vector(tuple(top))
     axis = end - start
     turn = mathutils.Vector((0, 0, 1)).rotation_difference(axis).to_matrix().to_4x4()
