@@ -27,10 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
-from tqdm import tqdm
 
-from datasets import mosaics, staging, sweethome3d, truths
+from datasets import photography, staging, sweethome3d, truths
 from datasets.staging import PhotosetError, PhotosetOptions
 from procmodels import studio
 
@@ -100,22 +98,32 @@ def render_photoset(mesh_path: Path, out: Path, options: PhotosetOptions | None 
         if done.info != info:
             raise PhotosetError(f"{out}: holds a photo set made with other options; remove it or choose another folder")
         return done
+    if (out.exists() and not out.is_dir()) or (out / "photos").exists():
+        raise PhotosetError(f"{out}: is a file or has a photos folder without truth; choose another folder")
+    plan = _open_studio(mesh_path, options)
+    work = _work_folder(out, info)
+    truths.write_truth(work / "truth", plan, (options.width, options.height))
+    photography.photograph(work / "photos", plan, options)
+    if out.exists() and any(out.iterdir()):  # a README may wait there
+        for name in ("photos", "truth"):  # truth last: its presence says that all is there
+            os.replace(work / name, out / name)
+        work.rmdir()
+    else:
+        os.replace(work, out)
+    return read_photoset(out)
+
+
+def _work_folder(out: Path, info: dict[str, Any]) -> Path:
+    """Where an unfinished set lies; one left over from other options is thrown away."""
     work = out.with_name(out.name + ".partial")
     marker = work / "truth" / "info.json"
     text = json.dumps(info, indent=1) + "\n"
     if work.exists() and not (marker.is_file() and marker.read_text() == text):
-        shutil.rmtree(work)  # left over from other options
+        shutil.rmtree(work)
     for folder in (work / "photos", work / "truth" / "masks"):
         folder.mkdir(parents=True, exist_ok=True)
     marker.write_text(text)
-    _render(mesh_path, work, options)
-    out.mkdir(parents=True, exist_ok=True)
-    if (out / "photos").exists():
-        raise PhotosetError(f"{out}: there is a photos folder already, but no truth; choose another folder")
-    for name in ("photos", "truth"):  # truth last: its presence says that all is there
-        os.replace(work / name, out / name)
-    work.rmdir()
-    return read_photoset(out)
+    return work
 
 
 def _info(mesh_path: Path, options: PhotosetOptions) -> dict[str, Any]:
@@ -130,56 +138,13 @@ def _info(mesh_path: Path, options: PhotosetOptions) -> dict[str, Any]:
     return json.loads(json.dumps(info))  # tuples become lists, as when read back
 
 
-def _render(mesh_path: Path, work: Path, options: PhotosetOptions) -> None:
-    """Fill the work folder: truth first, then the photos that are not there yet."""
+def _open_studio(mesh_path: Path, options: PhotosetOptions) -> staging.Plan:
+    """Import the mesh into the studio and decide where it and the cameras stand."""
     try:
-        raw, faces = studio.load_mesh(mesh_path)
+        vertices, faces = studio.load_mesh(mesh_path)
     except studio.StudioError as error:
         raise PhotosetError(str(error)) from error
-    to_canonical = staging.canonical_from_file(raw, mesh_path.suffix, options)
-    vertices = staging.apply(to_canonical, raw)
-    plan = staging.plan(vertices, options)
-    truths.write_truth(work / "truth", vertices, faces, plan, (options.width, options.height))
-    todo = [(n, s) for n, s in zip(plan.names, plan.shots, strict=True) if not (work / "photos" / n).is_file()]
-    with tempfile.TemporaryDirectory() as name:
-        scratch = Path(name)
-        room = _room(scratch, plan.reach, options)
-        settings = studio.RenderSettings(
-            options.width, options.height, options.lens_mm, options.samples, options.threads
-        )
-        studio.furnish(plan.world_from_canonical @ to_canonical, room, settings, options.seed)
-        for photo, shot in tqdm(todo, desc="photos", unit="photo"):
-            studio.shoot(shot, scratch / "frame.png")
-            _develop(scratch / "frame.png", work / "photos" / photo, options)
-
-
-def _room(scratch: Path, reach: float, options: PhotosetOptions) -> studio.Room:
-    """Paint the pictures for floor and walls; the walls stand well behind the cameras."""
-    rng = np.random.default_rng([options.seed, 2])
-    detail = min(4096, max(512, 5 * options.width))  # about one picture pixel a photo pixel
-    pictures = {
-        "floor.png": mosaics.mosaic(detail, detail, detail // 12, rng),
-        "wall.png": mosaics.mosaic(detail, detail // 8, detail // 24, rng, mute=0.45),
-    }
-    for name, picture in pictures.items():
-        Image.fromarray(picture).save(scratch / name, compress_level=1)
-    half = 1.7 * reach
-    return studio.Room(half, 0.95 * half, scratch / "floor.png", scratch / "wall.png", rng.uniform(0, 2 * np.pi))
-
-
-def _develop(frame: Path, target: Path, options: PhotosetOptions) -> None:
-    """PNG to JPEG with the EXIF tags that a phone writes; renamed into place, so that a photo is whole or absent."""
-    exif = Image.Exif()
-    exif[0x010F], exif[0x0110], exif[0x0112] = "Studio", "Pinhole 1", 1  # make, model, upright
-    tags = exif.get_ifd(0x8769)
-    # The 35 mm equivalent is defined on the picture's diagonal (43.27 mm) and is a whole number of millimetres.
-    tags[0xA405] = max(1, round(options.focal / float(np.hypot(options.width, options.height)) * 43.2666))
-    tags[0x920A] = round(options.focal / options.width * 6.17, 3)  # millimetres, for a phone's 6.17 mm wide sensor
-    tags[0xA002], tags[0xA003] = options.width, options.height
-    partial = target.with_suffix(".tmp")
-    with Image.open(frame) as picture:
-        picture.convert("RGB").save(partial, format="JPEG", quality=options.quality, optimize=True, exif=exif)
-    os.replace(partial, target)
+    return staging.plan(vertices, faces, mesh_path.suffix, options)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -258,7 +223,11 @@ def main(argv: list[str] | None = None) -> int:
             options = _options(args, model)
             mesh = sweethome3d.extract_model(args.sh3f, model, Path(scratch)) if model else args.mesh
             done = render_photoset(mesh, args.out, options)
-    except (PhotosetError, sweethome3d.CatalogueError) as error:
+    except (
+        PhotosetError,
+        sweethome3d.CatalogueError,
+        OSError,
+    ) as error:  # OSError: the disk, with the path in its text
         sys.stderr.write(f"error: {error}\n")
         return 2
     sys.stdout.write(f"{len(done.names)} photos in {args.out / 'photos'}, truth in {args.out / 'truth'}\n")

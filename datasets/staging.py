@@ -62,6 +62,9 @@ class PhotosetOptions:
 class Plan:
     """Everything that the seed decides; the same seed gives the same plan, so an interrupted run can go on.
 
+    vertices              (n, 3) float, the object in the canonical frame
+    faces                 (m, 3) int, triangles
+    canonical_from_file   (4, 4) float, a similarity
     names                 V file names of the photos
     K                     (3, 3) float, pixels, shared by all
     cam_from_world        (V, 4, 4) float, rigid
@@ -70,6 +73,9 @@ class Plan:
     reach                 metres, the farthest camera's distance from the middle of the room, along the floor
     """
 
+    vertices: np.ndarray
+    faces: np.ndarray
+    canonical_from_file: np.ndarray
     names: tuple[str, ...]
     K: np.ndarray
     cam_from_world: np.ndarray
@@ -105,14 +111,22 @@ def canonical_from_file(vertices: np.ndarray, suffix: str, options: PhotosetOpti
     return out
 
 
-def plan(vertices: np.ndarray, options: PhotosetOptions) -> Plan:
-    """Place object and cameras; `vertices` (n, 3) canonical."""
+def _stand(object_height: float, canonical_height: float, yaw: float) -> np.ndarray:
+    """world_from_canonical (4, 4): in metres, on the floor, over the origin, turned by `yaw` (radians)."""
+    scale = object_height / canonical_height
+    out = np.diag([scale, scale, scale, 1.0])
+    out[:2, :2] = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]) * scale
+    out[2, 3] = object_height / 2
+    return out
+
+
+def plan(raw: np.ndarray, faces: np.ndarray, suffix: str, options: PhotosetOptions) -> Plan:
+    """Place object and cameras; `raw` (n, 3) vertices in the file's axes, `suffix` of that file."""
+    to_canonical = canonical_from_file(raw, suffix, options)
+    vertices = apply(to_canonical, raw)
     rng = np.random.default_rng([options.seed, 1])
-    scale = options.object_height / np.ptp(vertices[:, 2])
-    yaw = rng.uniform(0, 2 * np.pi)  # the world's axes must not give the object's away
-    place = np.eye(4)
-    place[:2, :2] = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]) * scale
-    place[2, 2], place[2, 3] = scale, options.object_height / 2
+    # A random yaw: the world's axes must not give the object's away.
+    place = _stand(options.object_height, float(np.ptp(vertices[:, 2])), rng.uniform(0, 2 * np.pi))
     K = orbits.intrinsics(options.width, options.height, options.focal)
     size = (options.width, options.height)
     poses = orbits.plan(apply(place, vertices), options.views, K, size, orbits.Orbit(), rng)
@@ -125,4 +139,4 @@ def plan(vertices: np.ndarray, options: PhotosetOptions) -> Plan:
         shots.append(studio.Shot(world_from_cam, exposure, distance * focus, distance * opening, noise))
     names = tuple(f"photo_{i:03d}.jpg" for i in range(options.views))
     reach = float(np.linalg.norm(places[:, :2, 3], axis=1).max())
-    return Plan(names, K, poses, place, tuple(shots), reach)
+    return Plan(vertices, faces, to_canonical, names, K, poses, place, tuple(shots), reach)

@@ -81,30 +81,37 @@ def find_model(path: Path, name: str) -> Model:
 
 
 def extract_model(path: Path, model: Model, folder: Path) -> Path:
-    """Write the OBJ, its MTL files and their textures into `folder`, flat; returns the OBJ's path.
+    """Write the OBJ, its MTL files and their textures into `folder`; returns the OBJ's path.
 
-    Only files that the model refers to are written, under their bare names: a member path that climbs out
-    of the archive cannot climb out of `folder`.
+    Only files that the model refers to are written, at their places relative to the OBJ, and never outside `folder`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     with _open(path) as archive:
-        budget = MAX_MODEL
         home = posixpath.dirname(model.member)
-        members = [model.member]
-        obj = _read(archive, model.member)
-        for mtl in _references(obj, rb"mtllib"):
-            found = _locate(archive, home, mtl)
-            if found:
-                members.append(found)
-                texts = _references(_read(archive, found), rb"(?:map_\w+|bump|disp|refl)")
-                members += [m for m in (_locate(archive, home, t) for t in texts) if m]
-        for member in dict.fromkeys(members):
-            data = _read(archive, member)
-            budget -= len(data)
-            if budget < 0:
-                raise CatalogueError(f"{model.name}: more than {MAX_MODEL >> 20} MB of files")
-            (folder / PurePosixPath(member).name).write_bytes(data)
+        files = _collect(archive, model.member, home)
+    if sum(len(data) for data in files.values()) > MAX_MODEL:
+        raise CatalogueError(f"{model.name}: more than {MAX_MODEL >> 20} MB of files")
+    for member, data in files.items():
+        target = folder / posixpath.relpath(member, home or ".")
+        if not target.resolve().is_relative_to(folder.resolve()):
+            raise CatalogueError(f"{path.name}: {member} would be written outside {folder}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
     return folder / PurePosixPath(model.member).name
+
+
+def _collect(archive: zipfile.ZipFile, obj: str, home: str) -> dict[str, bytes]:
+    """The bytes of an OBJ and of every file below its folder that it refers to, by member name."""
+    files = {obj: _read(archive, obj)}
+    for mtl in _references(files[obj], rb"mtllib"):
+        found = _locate(archive, home, mtl)
+        if found is None:
+            continue
+        files[found] = _read(archive, found)
+        for texture in _references(files[found], rb"(?:map_\w+|bump|disp|refl)"):
+            member = _locate(archive, home, texture)
+            if member is not None and member not in files:
+                files[member] = _read(archive, member)
+    return files
 
 
 def _references(text: bytes, keyword: bytes) -> list[str]:
@@ -114,11 +121,11 @@ def _references(text: bytes, keyword: bytes) -> list[str]:
 
 
 def _locate(archive: zipfile.ZipFile, home: str, reference: str) -> str | None:
-    """The member that a reference means (names may hold blanks or follow options such as `-s 1 1 1`), or None."""
+    """The member below `home` that a reference means (a name may hold blanks or follow options), or None."""
     names = set(archive.namelist())
     for text in (reference, reference.split()[-1]):
         member = posixpath.normpath(posixpath.join(home, text))
-        if member in names and not member.startswith(("/", "..")):
+        if member in names and not posixpath.relpath(member, home or ".").startswith(".."):
             return member
     return None
 

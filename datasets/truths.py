@@ -48,9 +48,9 @@ def true_mask(
     return mask
 
 
-def write_truth(folder: Path, vertices: np.ndarray, faces: np.ndarray, plan: Plan, size: tuple[int, int]) -> None:
-    """Write mesh.ply, cameras.json and the masks that are not there yet; `vertices` (n, 3) canonical."""
-    trimesh.Trimesh(vertices, faces, process=False).export(folder / "mesh.ply", vertex_normal=False)
+def write_truth(folder: Path, plan: Plan, size: tuple[int, int]) -> None:
+    """Write mesh.ply, cameras.json and the masks that are not there yet."""
+    trimesh.Trimesh(plan.vertices, plan.faces, process=False).export(folder / "mesh.ply", vertex_normal=False)
     width, height = size
     views = [
         {"name": n, "width": width, "height": height, "K": plan.K.tolist(), "cam_from_world": p.tolist()}
@@ -58,10 +58,10 @@ def write_truth(folder: Path, vertices: np.ndarray, faces: np.ndarray, plan: Pla
     ]
     cameras = {"world_from_canonical": plan.world_from_canonical.tolist(), "views": views}
     (folder / "cameras.json").write_text(json.dumps(cameras, indent=1) + "\n")
-    in_world = apply(plan.world_from_canonical, vertices)
+    in_world = apply(plan.world_from_canonical, plan.vertices)
     for photo, pose in zip(plan.names, plan.cam_from_world, strict=True):
         target = folder / "masks" / f"{Path(photo).stem}.png"
         if not target.is_file():
             partial = target.with_suffix(".tmp")
-            Image.fromarray(true_mask(in_world, faces, plan.K, pose, size)).save(partial, format="PNG")
+            Image.fromarray(true_mask(in_world, plan.faces, plan.K, pose, size)).save(partial, format="PNG")
             os.replace(partial, target)

@@ -74,7 +74,7 @@ def _quiet() -> Iterator[None]:
 
 
 def load_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Start a clean session and import a mesh: vertices (n, 3) float, triangles (m, 3) int, the file's axes and units."""
+    """Start a clean session and import a mesh: vertices (n, 3), triangles (m, 3) int, the file's axes and units."""
     import bpy
 
     suffix = path.suffix.lower()
@@ -200,7 +200,6 @@ def _lights(room: Room) -> None:
         holder.rotation_euler = Vector(-np.array(holder.location)).to_track_quat("-Z", "Y").to_euler()
         bpy.context.collection.objects.link(holder)
     world = bpy.data.worlds.new("studio_world")
-    world.use_nodes = True
     background = world.node_tree.nodes["Background"]
     background.inputs["Color"].default_value = (0.95, 0.97, 1.0, 1.0)
     background.inputs["Strength"].default_value = 0.8

@@ -17,7 +17,6 @@ def picture(name: str, path: Path) -> Any:
     import bpy
 
     material = bpy.data.materials.new(name)
-    material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     texture = nodes.new("ShaderNodeTexImage")
     texture.image = bpy.data.images.load(str(path))
@@ -37,7 +36,6 @@ def finish(objects: list[Any], seed: int) -> None:
     palette = WOODS if wood else PAINTS
     colour = (*palette[rng.integers(len(palette))], 1.0)
     bare = bpy.data.materials.new("studio_bare")
-    bare.use_nodes = True
     bare.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = colour
     bare.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 0.5
     done: set[str] = set()
@@ -60,7 +58,6 @@ def _painted_by_vertices(obj: Any) -> Any:
     if not obj.data.color_attributes:
         return None
     material = bpy.data.materials.new("studio_vertex_colours")
-    material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     source = nodes.new("ShaderNodeVertexColor")
     source.layer_name = obj.data.color_attributes[0].name
@@ -69,7 +66,6 @@ def _painted_by_vertices(obj: Any) -> Any:
 
 
 def _finish_one(material: Any, wood: bool, offset: float) -> None:
-    material.use_nodes = True
     tree = material.node_tree
     surface = next((n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"), None)
     if surface is None:

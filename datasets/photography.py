@@ -1,0 +1,59 @@
+"""Taking the photos of a planned set: the room, the shots, and JPEGs as a camera writes them."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from datasets import mosaics
+from datasets.staging import PhotosetOptions, Plan
+from procmodels import studio
+
+
+def photograph(folder: Path, plan: Plan, options: PhotosetOptions) -> None:
+    """Take the photos that are not there yet; the mesh is in the studio already."""
+    todo = [(n, s) for n, s in zip(plan.names, plan.shots, strict=True) if not (folder / n).is_file()]
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        room = _room(scratch, plan.reach, options)
+        settings = studio.RenderSettings(
+            options.width, options.height, options.lens_mm, options.samples, options.threads
+        )
+        studio.furnish(plan.world_from_canonical @ plan.canonical_from_file, room, settings, options.seed)
+        for photo, shot in tqdm(todo, desc="photos", unit="photo"):
+            studio.shoot(shot, scratch / "frame.png")
+            _develop(scratch / "frame.png", folder / photo, options)
+
+
+def _room(scratch: Path, reach: float, options: PhotosetOptions) -> studio.Room:
+    """Paint the pictures for floor and walls; the walls stand well behind the cameras."""
+    rng = np.random.default_rng([options.seed, 2])
+    detail = min(4096, max(512, 5 * options.width))  # about one picture pixel a photo pixel
+    pictures = {
+        "floor.png": mosaics.mosaic(detail, detail, detail // 12, rng),
+        "wall.png": mosaics.mosaic(detail, detail // 8, detail // 24, rng, mute=0.45),
+    }
+    for name, picture in pictures.items():
+        Image.fromarray(picture).save(scratch / name, compress_level=1)
+    half = 1.7 * reach
+    return studio.Room(half, 0.95 * half, scratch / "floor.png", scratch / "wall.png", rng.uniform(0, 2 * np.pi))
+
+
+def _develop(frame: Path, target: Path, options: PhotosetOptions) -> None:
+    """PNG to JPEG with the EXIF tags that a phone writes; renamed into place, so that a photo is whole or absent."""
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110], exif[0x0112] = "Studio", "Pinhole 1", 1  # make, model, upright
+    tags = exif.get_ifd(0x8769)
+    # The 35 mm equivalent is defined on the picture's diagonal (43.27 mm) and is a whole number of millimetres.
+    tags[0xA405] = max(1, round(options.focal / float(np.hypot(options.width, options.height)) * 43.2666))
+    tags[0x920A] = round(options.focal / options.width * 6.17, 3)  # millimetres, for a phone's 6.17 mm wide sensor
+    tags[0xA002], tags[0xA003] = options.width, options.height
+    partial = target.with_suffix(".tmp")
+    with Image.open(frame) as picture:
+        picture.convert("RGB").save(partial, format="JPEG", quality=options.quality, optimize=True, exif=exif)
+    os.replace(partial, target)
