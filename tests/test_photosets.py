@@ -179,7 +179,8 @@ def test_the_whole_object_fills_every_picture(extents: tuple[float, float, float
         assert (pixels < 0.97 * np.array([800, 600])).all()
         fill = np.ptp(pixels, axis=0) / (800, 600)
         assert fill[1] < 0.75
-        assert fill[1] > 0.6 or fill[0] > 0.65  # a wide thing fills the width instead
+        reach = np.abs(pixels / (800, 600) - 0.5).max()
+        assert fill[1] > 0.6 or reach > 0.45  # a wide thing reaches the margin at the side instead
         assert np.linalg.inv(pose)[2, 3] > 0  # above the floor
 
 
