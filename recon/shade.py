@@ -1,0 +1,174 @@
+"""Small shaded pictures of a shape for the report: soft daylight, a white floor, ray casting; no Blender, no GPU."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from procmodels.export import COLOUR, with_normals
+from procmodels.shape import Shape
+
+EYE_DISTANCE = 3.2  # canonical units: far enough for calm perspective
+FILL = 0.80  # part of the picture that the object may take
+FLOOR_RADIUS = 1.1  # canonical units: shadows fade out before it
+SKY, SUN, BOUNCE = 0.85, 0.85, 0.5  # light from above, from the sun, and back from the floor
+
+
+@dataclass(frozen=True)
+class ShadeOptions:
+    """How the previews look."""
+
+    supersample: int = 2  # samples a pixel along each axis
+    sky_lamps: int = 8  # shadow rays towards the sky a sample: more are smoother
+    sun_lamps: int = 3  # shadow rays towards the sun a sample
+    sun_radius: float = 0.09  # radians: larger blurs the shadow's edge
+    first_azimuth: float = 33.0  # degrees from the front (-Y) towards +X of the first picture
+    elevation: float = 17.0  # degrees above the horizon
+    background: tuple[float, float, float] = (0.915, 0.905, 0.885)  # linear RGB of the floor in full light
+    sun: tuple[float, float, float] = (-0.45, -0.6, 0.9)  # direction towards the sun in the camera's heading
+
+
+def render_previews(
+    shape: Shape, n: int = 3, size: tuple[int, int] = (480, 480), options: ShadeOptions = ShadeOptions()
+) -> list[np.ndarray]:
+    """n pictures (H, W, 3) uint8 RGB of the shape, seen from all round; the first shows its front from the right.
+
+    size is (width, height) in pixels.
+    """
+    tracer = _Tracer(shape)
+    azimuths = [options.first_azimuth + 360 * i / n for i in range(n)]
+    return [_render(shape, tracer, np.radians(azimuth), size, options) for azimuth in azimuths]
+
+
+class _Tracer:
+    """The shape's triangles in open3d's ray caster."""
+
+    def __init__(self, shape: Shape) -> None:
+        import open3d as o3d  # slow to import, and only needed for pictures
+
+        tensor: Any = o3d.core.Tensor  # its stubs do not know that it takes arrays
+        self._tensor = tensor
+        pieces = [with_normals(part) for part in shape.parts]
+        offsets = np.cumsum([0] + [len(v) for v, _, _ in pieces])
+        vertices = np.concatenate([v for v, _, _ in pieces])
+        self.normals = np.concatenate([n for _, n, _ in pieces])
+        self.triangles = np.concatenate([t + o for (_, _, t), o in zip(pieces, offsets, strict=False)])
+        self.scene: Any = o3d.t.geometry.RaycastingScene()
+        vertices, triangles = vertices.astype(np.float32), self.triangles.astype(np.uint32)
+        self.scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance (m,), inf where nothing is hit, and normal (m, 3) of the first hit of m rays."""
+        hit = self.scene.cast_rays(self._rays(origins, directions))
+        distance, uv = hit["t_hit"].numpy(), hit["primitive_uvs"].numpy()
+        corners = self.triangles[np.where(np.isfinite(distance), hit["primitive_ids"].numpy(), 0).astype(int)]
+        weights = np.stack([1 - uv.sum(1), uv[:, 0], uv[:, 1]], 1)
+        return distance, _unit(np.einsum("mi,mij->mj", weights, self.normals[corners]))
+
+    def free(self, origins: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """(m,) bool, whether m parallel rays leave without a hit."""
+        return ~self.scene.test_occlusions(self._rays(origins, direction)).numpy()
+
+    def _rays(self, origins: np.ndarray, directions: np.ndarray) -> Any:
+        rays = np.empty((max(origins.size, directions.size) // 3, 6), np.float32)
+        rays[:, :3], rays[:, 3:] = origins, directions
+        return self._tensor(rays)
+
+
+def _render(
+    shape: Shape,
+    tracer: _Tracer,
+    azimuth: float,
+    size: tuple[int, int],
+    options: ShadeOptions,
+) -> np.ndarray:
+    """One picture, from `azimuth` radians round Z."""
+    s = options.supersample
+    width, height = size[0] * s, size[1] * s
+    elevation = np.radians(options.elevation)
+    away = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    eye = EYE_DISTANCE * away
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    axes = np.stack([right, np.cross(-away, right), -away])  # the camera's x, y (down) and z (forward)
+
+    # Focal length and principal point, so that the object fills the picture.
+    seen = (shape.vertices() - eye) @ axes.T
+    plane = seen[:, :2] / seen[:, 2:]
+    low, high = plane.min(0), plane.max(0)
+    focal = FILL * min(width / (high - low)[0], height / (high - low)[1])
+    sun = options.sun[0] * right - options.sun[1] * away * (1, 1, 0) + (0, 0, options.sun[2])
+    lamps = _lamps(_unit(sun), s * s, options)
+
+    linear = np.zeros((size[1], size[0], 3))
+    rows, columns = np.indices((size[1], size[0]))
+    for i, lamp in enumerate(lamps):
+        x = (columns * s + i % s + 0.5 - width / 2) / focal + (low + high)[0] / 2
+        y = (rows * s + i // s + 0.5 - height / 2) / focal + (low + high)[1] / 2
+        directions = _unit(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ axes)
+        linear += _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp, options).reshape(linear.shape) / len(
+            lamps
+        )
+    return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def _lamps(sun: np.ndarray, samples: int, options: ShadeOptions) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Directions (k, 3) and strengths (k,) of the light of each of a pixel's samples.
+
+    All pixels share them, so that the picture has no noise; the samples differ, so that a pixel sees many.
+    """
+    turn = np.pi * (3 - np.sqrt(5))  # golden angle: points spread evenly over a disc or a half sphere
+    i = np.arange(options.sky_lamps * samples) + 0.5
+    z = np.sqrt(1 - i / len(i))  # fewer near the horizon, so that no single one casts a visible shadow on the floor
+    sky = np.stack([np.sqrt(1 - z * z) * np.cos(turn * i), np.sqrt(1 - z * z) * np.sin(turn * i), z], 1)
+    i = np.arange(options.sun_lamps * samples) + 0.5
+    radius = options.sun_radius * np.sqrt(i / len(i))
+    side = _unit(np.cross(sun, (0, 0, 1)))
+    disc = np.stack([radius * np.cos(turn * i), radius * np.sin(turn * i)], 1) @ np.stack([side, np.cross(side, sun)])
+    # The sky alone gives a level surface in the open SKY, the sun SUN times the cosine.
+    directions = np.concatenate([sky, _unit(sun + disc)])
+    strengths = np.concatenate([SKY * (0.5 + z) / z / (0.5 + z).sum(), np.full(len(i), SUN / len(i))])
+    order = np.concatenate([np.arange(len(sky)) % samples, np.arange(len(i)) % samples])
+    return [(directions[order == k], samples * strengths[order == k]) for k in range(samples)]
+
+
+def _shade(
+    tracer: _Tracer,
+    eye: np.ndarray,
+    directions: np.ndarray,
+    floor: float,
+    lamp: tuple[np.ndarray, np.ndarray],
+    options: ShadeOptions,
+) -> np.ndarray:
+    """(m, 3) linear colour that m rays from `eye` see."""
+    distance, normals = tracer.cast(eye, directions)
+    on_object = np.isfinite(distance)
+    with np.errstate(divide="ignore"):
+        to_floor = (floor - eye[2]) / directions[:, 2]
+    from_middle = np.hypot(*(eye[:2] + to_floor[:, None] * directions[:, :2]).T)
+    on_floor = ~on_object & (to_floor > 0) & (from_middle < FLOOR_RADIUS)
+    background = np.array(options.background)
+    out = np.broadcast_to(background, directions.shape).copy()
+    lit = np.flatnonzero(on_object | on_floor)
+    solid = on_object[lit, None]
+    distance, directions = np.where(on_object, distance, to_floor)[lit], directions[lit]
+    normals = np.where(solid, normals[lit], (0, 0, 1))
+    normals = np.where((normals * directions).sum(1, keepdims=True) > 0, -normals, normals)
+    points = eye + distance[:, None] * directions + 1e-3 * normals
+
+    light = np.zeros(len(points))
+    for direction, strength in zip(*lamp, strict=True):
+        cosine = normals @ direction
+        facing = np.flatnonzero(cosine > 0)
+        light[facing] += strength * cosine[facing] * tracer.free(points[facing], direction)
+    # The floor shows only where it is darker than in the open, and dissolves outwards.
+    in_the_open = sum(strength * direction[2] for direction, strength in zip(*lamp, strict=True))
+    floor_light = 1 - (1 - light / in_the_open) * np.clip(2 - 2 * from_middle[lit] / FLOOR_RADIUS, 0, 1)
+    light += BOUNCE * (1 - normals[:, 2]) / 2
+    out[lit] = np.where(solid, light[:, None] * np.array(COLOUR), floor_light[:, None] * background)
+    return out
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-30)
