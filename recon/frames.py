@@ -21,7 +21,7 @@ from recon.scene import Frames, InputError
 
 log = logging.getLogger("recon.frames")
 
-THUMB = 64  # px, side of the square thumbnails that photos are compared by
+THUMB = 24  # px, side of the square thumbnails that photos are compared by
 VIDEO = {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mts"}
 
 
@@ -31,7 +31,7 @@ class FramesOptions:
 
     longest_side: int = 1000  # px of the working copy; smaller photos are never enlarged
     shortest_side: int = 64  # px; a photo below this in either direction is skipped
-    same_difference: float = 3.0  # grey levels of 255: thumbnails nowhere further apart are the same picture
+    same_difference: float = 4.0  # grey levels of 255: thumbnails nowhere further apart are the same picture
     allow_single: bool = False  # accept one photo without alpha channel: set it when the user gives a mask
     quality: int = 95  # JPEG quality of the working copies
 
@@ -73,7 +73,7 @@ def run(input_dir: Path, workdir: Path, options: FramesOptions = FramesOptions()
 
 @dataclass(frozen=True)
 class _Kept:
-    """What stays of a photo once its working copy is on disk; `thumb` (THUMB, THUMB, 3) uint8."""
+    """What stays of a photo once its working copy is on disk; `thumb` (THUMB, THUMB) uint8."""
 
     name: str
     path: Path

@@ -15,8 +15,8 @@ from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 pillow_heif.register_heif_opener()
 
-# Named, because PIL would also open documents (EPS through an outside program, PSD, ...).
-FORMATS = ("JPEG", "MPO", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP")
+# Named, because PIL would also open documents (EPS through an outside program, PSD, ...). JPEG includes MPO.
+FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP")
 ENDINGS = {".jpg", ".jpeg", ".png", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp"}
 BACKGROUND = (128, 128, 128)  # behind transparent pixels: both white and black objects keep their outline on grey
 SHARPNESS_SIDE = 640  # px of the longest side at which sharpness is measured, so that photos compare
@@ -50,8 +50,8 @@ class Photo:
         return float(cv2.Laplacian(grey, cv2.CV_64F).var())
 
     def thumbnail(self, side: int) -> np.ndarray:
-        """(side, side, 3) uint8, whatever the aspect ratio."""
-        return cv2.resize(np.asarray(self.image), (side, side), interpolation=cv2.INTER_AREA)
+        """(side, side) uint8, grey (formats differ in colour resolution), whatever the aspect ratio."""
+        return cv2.resize(np.asarray(self.image.convert("L")), (side, side), interpolation=cv2.INTER_AREA)
 
 
 def looks_like_photo(path: Path) -> bool:
@@ -92,6 +92,7 @@ def _decode(path: Path, longest_side: int) -> Photo:
         opened.draft("RGB", (longest_side, longest_side))
         image: Image.Image = opened
         scale = longest_side / max(image.size)
+        # HEIF turns itself while decoding, and its reader resets the EXIF orientation, so nothing turns twice.
         image = ImageOps.exif_transpose(_eight_bit(image))
     if "A" in image.getbands() or "a" in image.getbands() or "transparency" in image.info:
         image = image.convert("RGBA")

@@ -2,20 +2,16 @@
 
 pycolmap runs in a child process, `python -m recon.poses REQUEST.json`: imported before cv2 or PIL it breaks their PNG
 writing (double free in zlib), and a crash of its native code must not take the command down. The child's answer is
-RESULT.json and RESULT.npz; its chatter goes to a log file beside them.
+REQUEST.npz; its chatter goes to REQUEST.log.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-import os
 import shutil
-import subprocess
 import sys
-import threading
-import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +19,7 @@ import cv2
 import numpy as np
 
 from recon import pose_diagnosis
-from recon.matching_plan import camera_groups, image_pairs
+from recon.attempts import LADDER, Attempt, climb
 from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError
 from recon.undistort import undistorted
 
@@ -38,38 +34,13 @@ class PosesOptions:
     threads: int = 0  # for features and matching; 0 = one a core. Mapping uses one, so that it repeats exactly
     matching: str = "auto"  # "exhaustive", "sequential" (ordered photos), or "auto": by the number of photos
     exhaustive_up_to: int = 60  # photos; "auto" compares every pair up to here
+    enlarge_below: int = 700  # px, longest side: smaller photos are searched for features enlarged twice from the start
     overlap: int = 10  # neighbours on either side that sequential matching compares
     good_fraction: float = 0.9  # of the photos: once so many are placed, no further attempt is made
     min_registered: int = 6  # photos; fewer placed is an error (of 3 to 5 photos all must be placed)
     min_fraction: float = 0.25  # of the photos; fewer placed is an error
     attempts: int = 4  # at most so many rungs of LADDER
     attempt_seconds: float = 1800.0  # an attempt that takes longer is given up
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One attempt: SIFT, matching and mapping settings (COLMAP's units)."""
-
-    name: str
-    reuse: bool = False  # take features and matches of the attempt before
-    max_features: int = 8192  # a photo
-    first_octave: int = 0  # -1: search the photo enlarged twice; finds small detail, takes 3 to 4 times as long
-    peak_threshold: float = 0.0067  # lower finds fainter features
-    affine: bool = False  # affine shape and domain-size pooling: steeper views of a surface match
-    guided: bool = False  # search again along epipolar lines
-    every_pair: bool = False  # match exhaustively whatever the options say
-    pair_inliers: int = 15  # matches that must fit one geometry for a pair to count
-    pose_inliers: int = 30  # points that must fit for a photo to be placed
-    start_inliers: int = 100  # matches of the first pair
-    start_angle: float = 16.0  # degrees between the rays of the first pair
-
-
-LADDER = (
-    Rung("usual settings"),
-    Rung("another first pair, lower thresholds", True, pose_inliers=15, start_inliers=40, start_angle=6.0),
-    Rung("more and fainter features", False, 8192, -1, 0.0033, False, True, True, 12, 15, 40, 6.0),
-    Rung("affine features at several scales", False, 16384, -1, 0.002, True, True, True, 10, 12, 30, 4.0),
-)
 
 
 def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -> Poses:
@@ -86,7 +57,7 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -
     folder = workdir / "poses"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    best, rung, failures = _climb(frames, folder, options)
+    best, rung, failures = climb(frames, folder, options)
     if best is None:
         raise ReconstructionError("structure from motion stopped with an error: " + "; ".join(failures))
     diagnosis = pose_diagnosis.explain(frames, best.registered, best.keypoints, best.pairs, best.models)
@@ -104,118 +75,11 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -
     return _poses(frames, best, workdir / "undistorted", tuple(warnings))
 
 
-@dataclass(frozen=True)
-class _Attempt:
-    """What the child found; v of V photos were placed.
-
-    view (v,) int ascending indices into the frames; K (v, 3, 3); distortion (v,); cam_from_world (v, 4, 4);
-    points (n, 3); tracks (n, v) bool; keypoints, pairs (V,) int: features, and photos that verifiably overlap;
-    models: sizes of all partial models, largest first.
-    """
-
-    view: np.ndarray
-    K: np.ndarray
-    distortion: np.ndarray
-    cam_from_world: np.ndarray
-    points: np.ndarray
-    tracks: np.ndarray
-    keypoints: np.ndarray
-    pairs: np.ndarray
-    models: np.ndarray
-
-    @property
-    def registered(self) -> np.ndarray:
-        """(V,) bool."""
-        return np.isin(np.arange(len(self.keypoints)), self.view)
-
-
 def _needed(total: int, options: PosesOptions) -> int:
     return max(3, min(options.min_registered, total), int(np.ceil(options.min_fraction * total)))
 
 
-def _climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[_Attempt | None, str, list[str]]:
-    """The attempt that placed the most photos, its rung's name, and what went wrong in crashed attempts."""
-    best, best_name, failures = None, "", []
-    for i, rung in enumerate(LADDER[: options.attempts]):
-        log.info("attempt %d, %s", i + 1, rung.name)
-        started = time.monotonic()
-        try:
-            attempt = _in_child(_request(frames, folder, i, rung, options), options.attempt_seconds)
-        except _ChildError as error:
-            log.warning("attempt %d (%s) failed: %s", i + 1, rung.name, error)
-            failures.append(f"{rung.name}: {error}")
-            continue
-        seconds = time.monotonic() - started
-        log.info("placed %d of %d photos in %.0f s", len(attempt.view), len(frames.names), seconds)
-        if best is None or len(attempt.view) > len(best.view):
-            best, best_name = attempt, rung.name
-        if len(attempt.view) >= options.good_fraction * len(frames.names):
-            break
-        if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
-            break  # there is nothing to find in these photos
-    return best, best_name, failures
-
-
-def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: PosesOptions) -> Path:
-    """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
-    count = len(frames.names)
-    order = {
-        "images": [p.name for p in frames.paths],
-        "image_dir": str(frames.paths[0].parent.resolve()),
-        "groups": camera_groups(frames),
-        "pairs": image_pairs(
-            count,
-            "exhaustive" if rung.every_pair else options.matching,
-            options.exhaustive_up_to,
-            options.overlap,
-        ),
-        "database": str((folder / f"features_{number - rung.reuse}.db").resolve()),
-        "rung": asdict(rung),
-        "seed": options.seed + number,
-        "threads": options.threads or os.cpu_count() or 1,
-    }
-    path = folder / f"attempt_{number}.json"
-    path.write_text(json.dumps(order, indent=1))
-    return path
-
-
-class _ChildError(Exception):
-    """The child crashed or took too long."""
-
-
-def _in_child(request: Path, seconds: float) -> _Attempt:
-    """Run one request in a process of its own and read its answer. Raises _ChildError."""
-    chatter = request.with_suffix(".log")
-    with chatter.open("w") as file:
-        child = subprocess.Popen(
-            [sys.executable, "-m", "recon.poses", str(request.resolve())],
-            stdout=subprocess.PIPE,
-            stderr=file,
-            text=True,
-            cwd=Path(__file__).resolve().parents[1],  # where this package is found, installed or not
-            env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE"},
-        )
-        timer = threading.Timer(seconds, child.kill)
-        timer.start()
-        late = False
-        try:
-            for line in child.stdout or ():
-                log.info("  %s", line.strip())
-            code = child.wait()
-            late = not timer.is_alive()
-        finally:
-            timer.cancel()
-            child.kill()
-            child.wait()
-    if code != 0:
-        tail = " | ".join(chatter.read_text(errors="replace").strip().splitlines()[-5:])
-        reason = f"took longer than {seconds:.0f} s" if late else f"ended with code {code}"
-        raise _ChildError(f"{reason}; the end of {chatter}: {tail or '(empty)'}")
-    with np.load(request.with_suffix(".npz"), allow_pickle=False) as arrays:
-        return _Attempt(**{name: arrays[name] for name in arrays.files})
-
-
-def _poses(frames: Frames, found: _Attempt, out: Path, warnings: tuple[str, ...]) -> Poses:
+def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...]) -> Poses:
     """Write undistorted photos of the same size and the same K, and put the stage's result together."""
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
@@ -340,7 +204,7 @@ def _counts(pycolmap: Any, database: Path, images: list[str]) -> dict[str, np.nd
 
 
 def _arrays(models: list[Any], images: list[str]) -> dict[str, np.ndarray]:
-    """The largest model as the arrays of _Attempt; empty arrays when there is none."""
+    """The largest model as the arrays of Attempt; empty arrays when there is none."""
     placed = {}
     if models:
         named = {models[0].image(i).name: models[0].image(i) for i in models[0].reg_image_ids()}

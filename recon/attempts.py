@@ -1,0 +1,159 @@
+"""The ladder of attempts at structure from motion: each in a child process, until enough photos are placed."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from recon.matching_plan import camera_groups, image_pairs
+from recon.scene import Frames
+
+if TYPE_CHECKING:
+    from recon.poses import PosesOptions
+
+log = logging.getLogger("recon.poses")
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One attempt: SIFT, matching and mapping settings (COLMAP's units)."""
+
+    name: str
+    reuse: bool = False  # take features and matches of the attempt before
+    max_features: int = 8192  # a photo
+    first_octave: int = 0  # -1: search the photo enlarged twice; finds small detail, takes 3 to 4 times as long
+    peak_threshold: float = 0.0067  # lower finds fainter features
+    affine: bool = False  # affine shape and domain-size pooling: steeper views of a surface match
+    guided: bool = False  # search again along epipolar lines
+    every_pair: bool = False  # match exhaustively whatever the options say
+    pair_inliers: int = 15  # matches that must fit one geometry for a pair to count
+    pose_inliers: int = 30  # points that must fit for a photo to be placed
+    start_inliers: int = 100  # matches of the first pair
+    start_angle: float = 16.0  # degrees between the rays of the first pair
+
+
+LADDER = (
+    Rung("usual settings"),
+    Rung("another first pair, lower thresholds", True, pose_inliers=15, start_inliers=40, start_angle=6.0),
+    Rung("more and fainter features", False, 8192, -1, 0.0033, False, True, True, 12, 15, 40, 6.0),
+    Rung("affine features at several scales", False, 16384, -1, 0.002, True, True, True, 10, 12, 30, 4.0),
+)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What the child found; v of V photos were placed.
+
+    view (v,) int ascending indices into the frames; K (v, 3, 3); distortion (v,); cam_from_world (v, 4, 4);
+    points (n, 3); tracks (n, v) bool; keypoints, pairs (V,) int: features, and photos that verifiably overlap;
+    models: sizes of all partial models, largest first.
+    """
+
+    view: np.ndarray
+    K: np.ndarray
+    distortion: np.ndarray
+    cam_from_world: np.ndarray
+    points: np.ndarray
+    tracks: np.ndarray
+    keypoints: np.ndarray
+    pairs: np.ndarray
+    models: np.ndarray
+
+    @property
+    def registered(self) -> np.ndarray:
+        """(V,) bool."""
+        return np.isin(np.arange(len(self.keypoints)), self.view)
+
+
+def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt | None, str, list[str]]:
+    """The attempt that placed the most photos, its rung's name, and what went wrong in crashed attempts."""
+    best, best_name, failures = None, "", []
+    for i, rung in enumerate(LADDER[: options.attempts]):
+        log.info("attempt %d, %s", i + 1, rung.name)
+        started = time.monotonic()
+        try:
+            attempt = _in_child(_request(frames, folder, i, rung, options), options.attempt_seconds)
+        except ChildError as error:
+            log.warning("attempt %d (%s) failed: %s", i + 1, rung.name, error)
+            failures.append(f"{rung.name}: {error}")
+            continue
+        seconds = time.monotonic() - started
+        log.info("placed %d of %d photos in %.0f s", len(attempt.view), len(frames.names), seconds)
+        if best is None or len(attempt.view) > len(best.view):
+            best, best_name = attempt, rung.name
+        if len(attempt.view) >= options.good_fraction * len(frames.names):
+            break
+        if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
+            break  # there is nothing to find in these photos
+    return best, best_name, failures
+
+
+def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: PosesOptions) -> Path:
+    """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
+    count = len(frames.names)
+    if frames.sizes.max() < options.enlarge_below:
+        rung = replace(rung, first_octave=-1)
+    order = {
+        "images": [p.name for p in frames.paths],
+        "image_dir": str(frames.paths[0].parent.resolve()),
+        "groups": camera_groups(frames),
+        "pairs": image_pairs(
+            count,
+            "exhaustive" if rung.every_pair else options.matching,
+            options.exhaustive_up_to,
+            options.overlap,
+        ),
+        "database": str((folder / f"features_{number - rung.reuse}.db").resolve()),
+        "rung": asdict(rung),
+        "seed": options.seed + number,
+        "threads": options.threads or os.cpu_count() or 1,
+    }
+    path = folder / f"attempt_{number}.json"
+    path.write_text(json.dumps(order, indent=1))
+    return path
+
+
+class ChildError(Exception):
+    """The child crashed or took too long."""
+
+
+def _in_child(request: Path, seconds: float) -> Attempt:
+    """Run one request in a process of its own and read its answer. Raises ChildError."""
+    chatter = request.with_suffix(".log")
+    with chatter.open("w") as file:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "recon.poses", str(request.resolve())],
+            stdout=subprocess.PIPE,
+            stderr=file,
+            text=True,
+            cwd=Path(__file__).resolve().parents[1],  # where this package is found, installed or not
+            env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE"},
+        )
+        timer = threading.Timer(seconds, child.kill)
+        timer.start()
+        late = False
+        try:
+            for line in child.stdout or ():
+                log.info("  %s", line.strip())
+            code = child.wait()
+            late = not timer.is_alive()
+        finally:
+            timer.cancel()
+            child.kill()
+            child.wait()
+    if code != 0:
+        tail = " | ".join(chatter.read_text(errors="replace").strip().splitlines()[-5:])
+        reason = f"took longer than {seconds:.0f} s" if late else f"ended with code {code}"
+        raise ChildError(f"{reason}; the end of {chatter}: {tail or '(empty)'}")
+    with np.load(request.with_suffix(".npz"), allow_pickle=False) as arrays:
+        return Attempt(**{name: arrays[name] for name in arrays.files})
