@@ -1,8 +1,9 @@
 """Times of the silhouette renderers, side by side in one run: `python -m tests.bench_silhouettes [--threads 1]`.
 
-Every repeat runs each renderer once, in turn, so that other load on the machine falls on all of them alike. Printed are
-the median and the best of the repeats in ms of one forward and backward pass with respect to the grid (or, where said,
-the cameras), the least processor time of one, and how many times more each takes than the sparse operator.
+Every repeat runs each renderer in turn, for at least 0.1 s, so that other load falls on all of them alike and none is
+measured only with the caches that another one left. Printed are the median and the best in ms of one forward and
+backward pass with respect to the grid (or, where said, the cameras), the least processor time of one, and how many
+times more each takes than the sparse operator.
 On a busy machine trust the processor time with --threads 1: waiting for the other core counts for nothing there, while
 with two threads it hits a pass of 5 ms far harder than one of 500 ms.
 """
@@ -53,9 +54,12 @@ def in_turn(calls: dict[str, Callable[[], object]], repeats: int) -> dict[str, l
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
     for repeat in range(repeats + 1):
         for name, call in calls.items():
-            taken = timed(call)
-            if repeat > 0:
-                times[name].append(taken)
+            spent = 0.0
+            while spent < 100:
+                taken = timed(call)
+                spent += taken[0]
+                if repeat > 0:
+                    times[name].append(taken)
     summary = {}
     for name, taken_all in times.items():
         clock, cpu = zip(*taken_all, strict=True)
