@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from procmodels.export import COLOUR, with_normals
@@ -23,6 +24,7 @@ class ShadeOptions:
     supersample: int = 2  # samples a pixel along each axis
     sky_lamps: int = 8  # shadow rays towards the sky a sample: more are smoother
     sun_lamps: int = 3  # shadow rays towards the sun a sample
+    floor_blur: float = 0.008  # of the shadows on the floor, share of the picture's width
     sun_radius: float = 0.09  # radians: larger blurs the shadow's edge
     first_azimuth: float = 33.0  # degrees from the front (-Y) towards +X of the first picture
     elevation: float = 17.0  # degrees above the horizon
@@ -101,15 +103,20 @@ def _render(
     sun = options.sun[0] * right - options.sun[1] * away * (1, 1, 0) + (0, 0, options.sun[2])
     lamps = _lamps(_unit(sun), s * s, options)
 
-    linear = np.zeros((size[1], size[0], 3))
-    rows, columns = np.indices((size[1], size[0]))
+    shape_hw = (size[1], size[0])
+    rows, columns = np.indices(shape_hw)
+    solid, light, floor = np.zeros((3, *shape_hw))
     for i, lamp in enumerate(lamps):
         x = (columns * s + i % s + 0.5 - width / 2) / focal + (low + high)[0] / 2
         y = (rows * s + i // s + 0.5 - height / 2) / focal + (low + high)[1] / 2
         directions = _unit(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ axes)
-        linear += _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp, options).reshape(linear.shape) / len(
-            lamps
-        )
+        layers = _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp)
+        for total, layer in zip((solid, light, floor), layers, strict=True):
+            total += layer.reshape(shape_hw) / len(lamps)
+    # The few lamps cast faint streaks; on the floor they are blurred away, without letting the object bleed into it.
+    open_floor, blurred = (cv2.GaussianBlur(x, (0, 0), options.floor_blur * size[0]) for x in (1 - solid, floor))
+    floor = (1 - solid) * blurred / np.maximum(open_floor, 1e-6)
+    linear = light[..., None] * np.array(COLOUR) + floor[..., None] * np.array(options.background)
     return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
 
 
@@ -134,40 +141,34 @@ def _lamps(sun: np.ndarray, samples: int, options: ShadeOptions) -> list[tuple[n
 
 
 def _shade(
-    tracer: _Tracer,
-    eye: np.ndarray,
-    directions: np.ndarray,
-    floor: float,
-    lamp: tuple[np.ndarray, np.ndarray],
-    options: ShadeOptions,
-) -> np.ndarray:
-    """(m, 3) linear colour that m rays from `eye` see."""
-    distance, normals = tracer.cast(eye, directions)
-    on_object = np.isfinite(distance)
-    with np.errstate(divide="ignore"):
-        to_floor = (floor - eye[2]) / directions[:, 2]
-    from_middle = np.hypot(*(eye[:2] + to_floor[:, None] * directions[:, :2]).T)
-    on_floor = ~on_object & (to_floor > 0) & (from_middle < FLOOR_RADIUS)
-    background = np.array(options.background)
-    out = np.broadcast_to(background, directions.shape).copy()
-    lit = np.flatnonzero(on_object | on_floor)
-    solid = on_object[lit, None]
-    distance, directions = np.where(on_object, distance, to_floor)[lit], directions[lit]
-    normals = np.where(solid, normals[lit], (0, 0, 1))
-    normals = np.where((normals * directions).sum(1, keepdims=True) > 0, -normals, normals)
-    points = eye + distance[:, None] * directions + 1e-3 * normals
+    tracer: _Tracer, eye: np.ndarray, directions: np.ndarray, level: float, lamp: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What m rays from `eye` see, three arrays (m,): 1 on the object; the light there; the floor's light (else 0).
 
-    light = np.zeros(len(points))
+    The floor at z = level has light 1 in the open, and its shadows dissolve outwards.
+    """
+    distance, normals = tracer.cast(eye, directions)
+    solid = np.isfinite(distance)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_floor = (level - eye[2]) / directions[:, 2]
+        from_middle = np.hypot(*(eye[:2] + to_floor[:, None] * directions[:, :2]).T)
+    lit = np.flatnonzero(solid | ((to_floor > 0) & (from_middle < FLOOR_RADIUS)))
+    on_object, directions = solid[lit], directions[lit]
+    normals = np.where(on_object[:, None], normals[lit], (0, 0, 1))
+    normals = np.where((normals * directions).sum(1, keepdims=True) > 0, -normals, normals)
+    points = eye + np.where(on_object, distance[lit], to_floor[lit])[:, None] * directions + 1e-3 * normals
+
+    seen = np.zeros(len(points))
     for direction, strength in zip(*lamp, strict=True):
         cosine = normals @ direction
         facing = np.flatnonzero(cosine > 0)
-        light[facing] += strength * cosine[facing] * tracer.free(points[facing], direction)
-    # The floor shows only where it is darker than in the open, and dissolves outwards.
-    in_the_open = sum(strength * direction[2] for direction, strength in zip(*lamp, strict=True))
-    floor_light = 1 - (1 - light / in_the_open) * np.clip(2 - 2 * from_middle[lit] / FLOOR_RADIUS, 0, 1)
-    light += BOUNCE * (1 - normals[:, 2]) / 2
-    out[lit] = np.where(solid, light[:, None] * np.array(COLOUR), floor_light[:, None] * background)
-    return out
+        seen[facing] += strength * cosine[facing] * tracer.free(points[facing], direction)
+    in_the_open = float(lamp[0][:, 2] @ lamp[1])
+    shadow = (1 - seen / in_the_open) * np.clip(2 - 2 * from_middle[lit] / FLOOR_RADIUS, 0, 1)
+    light, floor = np.zeros(len(solid)), np.where(solid, 0.0, 1.0)
+    light[lit] = np.where(on_object, seen + BOUNCE * (1 - normals[:, 2]) / 2, 0)
+    floor[lit] -= np.where(on_object, 0, shadow)
+    return solid.astype(float), light, floor
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

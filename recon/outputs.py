@@ -1,0 +1,231 @@
+"""The results of a run as files, written whole or not at all.
+
+Frames: mesh.glb (Y up), mesh.obj and model.blend (Z up) stand on the floor plane, in metres when the height is known,
+otherwise with longest side 1. cameras/ is in the world frame of structure from motion, and cameras/mesh.obj is the mesh
+in that frame. params.json holds the transforms between the three.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from procmodels import Model
+from procmodels.export import Asset, export_glb, export_obj, save_blend
+from procmodels.shape import Shape
+from procmodels.space import Choice, Integer, Scalar
+from recon import camera_files, contact_sheet, report
+from recon.result import Result
+from recon.scene import InputError
+from recon.shade import render_previews
+
+__all__ = ["OutputPaths", "OutputsOptions", "Result", "run"]
+
+
+@dataclass(frozen=True)
+class OutputsOptions:
+    """What is written, and how large the pictures are."""
+
+    blender: bool = True  # write model.blend; everything else is written without
+    renders: int = 3  # pictures of the result
+    render_size: int = 480  # pixels, width and height of each
+    thumbnail: int = 360  # pixels, width of a photo in the report
+
+
+@dataclass(frozen=True)
+class OutputPaths:
+    """Where the results are; blend is None when it was not asked for."""
+
+    folder: Path
+    glb: Path
+    obj: Path
+    blend: Path | None
+    params_json: Path
+    report_json: Path
+    report_html: Path
+    contact_sheet: Path
+    cameras: Path
+    masks: Path
+
+
+def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> OutputPaths:
+    """Write all results into the folder `out`, replacing those of an earlier run and nothing else.
+
+    Everything is first written to a hidden folder inside `out` and then moved, so that a failure leaves the earlier
+    results as they were. Raises InputError when the folder cannot be written.
+    """
+    started = time.monotonic()
+    asset = _asset(result, model)
+    with _replacing(out) as fresh:
+        _write_meshes(fresh, asset, options)
+        _write_json(fresh / "params.json", params_content(result, asset))
+        if len(result.poses.cameras):
+            camera_files.write(fresh / "cameras", result.poses)
+            export_obj(asset, fresh / "cameras" / "mesh.obj", world=True)
+            _write_masks(fresh / "masks", result)
+        size = (options.render_size, options.render_size)
+        renders = render_previews(asset.shape, options.renders, size)
+        tiles = contact_sheet.tiles(result, asset.shape, options.thumbnail)
+        text = report.words(result, asset)
+        sheet = contact_sheet.draw(tiles, renders, text.title, text.sentence)
+        cv2.imwrite(str(fresh / "contact_sheet.png"), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
+        facts = report_content(result, time.monotonic() - started)
+        files = ["report.json", *(p.name + "/" * p.is_dir() for p in fresh.iterdir())]
+        html = report.page(facts, text, asset, tiles, renders, files)
+        (fresh / "report.html").write_text(html, encoding="utf-8")
+        _write_json(fresh / "report.json", facts)
+    return _paths(out, options)
+
+
+def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
+    """What report.json holds; mean_iou is over the used views, None without views."""
+    used = result.silhouettes.used
+    reasons = dict(result.silhouettes.reasons)
+    views = [
+        {"name": name, "iou": round(float(score), 4), "used": bool(use), "mask": source}
+        | ({"reason": reasons[name]} if name in reasons else {})
+        for name, score, use, source in zip(
+            result.silhouettes.names, result.view_iou, used, result.silhouettes.source, strict=True
+        )
+    ]
+    seconds = {**result.seconds, "outputs": round(outputs_seconds, 2)}
+    return {
+        "class": result.class_name,
+        "params": _plain(result.params),
+        "mean_iou": round(float(result.view_iou[used].mean()), 4) if used.any() else None,
+        "confidence": round(result.confidence, 4),
+        "explanation": result.explanation,
+        "alternatives": [{"what": what, "iou": round(score, 4)} for what, score in result.alternatives],
+        "registered": {
+            "n": len(result.poses.cameras),
+            "of": len(result.frames.names),
+            "missing": list(result.poses.unregistered),
+            "unreadable": [{"name": name, "reason": reason} for name, reason in result.frames.skipped],
+        },
+        "views": views,
+        "warnings": list(result.warnings),
+        "seconds": {**seconds, "total": round(sum(seconds.values()), 2)},
+        "seed": result.seed,
+        "versions": result.versions,
+    }
+
+
+def params_content(result: Result, asset: Asset) -> dict[str, Any]:
+    """What params.json holds: values with ranges, and the transforms between the frames."""
+    extent = np.ptp(asset.shape.bounds(), axis=0)
+    metres = asset.metres_per_unit
+    return {
+        "class": result.class_name,
+        "space_hash": asset.space.hash,
+        "values": _plain(result.params),
+        "parameters": {p.name: _parameter(p, result) for p in asset.space.parameters},
+        "canonical_frame": "X right, faces -Y, Z up, bounding box centred on the origin, longest side 1",
+        "size_canonical": [round(float(x), 6) for x in extent],
+        "world_from_canonical": result.canonical.world_from_canonical.tolist(),
+        "mesh_from_canonical": asset.mesh_from_canonical.tolist(),
+        "height_metres": result.height_m,
+        "metres_per_canonical_unit": metres,
+        "metres_per_sfm_unit": None if metres is None else metres / result.canonical.scale,
+        "size_metres": None if metres is None else [round(float(x) * metres, 6) for x in extent],
+    }
+
+
+def _parameter(parameter: Any, result: Result) -> dict[str, Any]:
+    value = result.params[parameter.name]
+    about: dict[str, Any] = {"value": value, "is": parameter.describe()}
+    if isinstance(parameter, Scalar | Integer):
+        about |= {"low": parameter.low, "high": parameter.high}
+    if isinstance(parameter, Choice):
+        about["options"] = list(parameter.options)
+    if isinstance(parameter, Scalar):
+        about["unit"] = parameter.unit
+        if parameter.unit == "of height" and result.height_m is not None:
+            about["metres"] = float(value) * result.height_m
+    return _plain(about)
+
+
+def _asset(result: Result, model: Model) -> Asset:
+    shape: Shape = model.build(result.params)
+    height = float(np.ptp(shape.bounds(), axis=0)[2])
+    metres = None if result.height_m is None else result.height_m / height
+    return Asset(shape, model.space, result.params, metres, result.canonical.world_from_canonical)
+
+
+def _write_meshes(folder: Path, asset: Asset, options: OutputsOptions) -> None:
+    export_glb(asset, folder / "mesh.glb")
+    export_obj(asset, folder / "mesh.obj")
+    if options.blender:
+        save_blend(asset, folder / "model.blend")
+
+
+def _write_masks(folder: Path, result: Result) -> None:
+    """White = object; sizes and names as the images beside the cameras."""
+    folder.mkdir()
+    for stem, mask in zip(camera_files.stems(result.silhouettes.names), result.silhouettes.masks, strict=True):
+        cv2.imwrite(str(folder / f"{stem}.png"), np.where(mask, 255, 0).astype(np.uint8))
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Numpy scalars as Python's own, which JSON knows."""
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}
+
+
+def _paths(out: Path, options: OutputsOptions) -> OutputPaths:
+    return OutputPaths(
+        folder=out,
+        glb=out / "mesh.glb",
+        obj=out / "mesh.obj",
+        blend=out / "model.blend" if options.blender else None,
+        params_json=out / "params.json",
+        report_json=out / "report.json",
+        report_html=out / "report.html",
+        contact_sheet=out / "contact_sheet.png",
+        cameras=out / "cameras",
+        masks=out / "masks",
+    )
+
+
+# What a run may leave; an entry that a later run does not write again would be taken for its result.
+_ENTRIES = ("model.blend", "cameras", "masks")
+
+
+@contextmanager
+def _replacing(out: Path) -> Iterator[Path]:
+    """A fresh folder whose content moves into `out` when the block succeeds; it vanishes in any case.
+
+    It lies inside `out`, so that moving is renaming on one file system even when `out` is a mounted volume.
+    """
+    fresh = None
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=".writing-", dir=out))
+        yield fresh
+        replaced = Path(tempfile.mkdtemp(dir=fresh))
+        stale = [out / name for name in _ENTRIES if not (fresh / name).exists()]
+        for path in [p for p in stale if p.exists()]:
+            path.rename(replaced / path.name)
+        for path in sorted(p for p in fresh.iterdir() if p != replaced):
+            if (out / path.name).is_dir():  # a folder cannot be replaced in one step
+                (out / path.name).rename(replaced / path.name)
+            path.replace(out / path.name)
+    except OSError as error:
+        raise InputError(
+            f"the results cannot be written to {out} ({error}); choose another folder with --out"
+        ) from error
+    finally:
+        if fresh is not None:
+            shutil.rmtree(fresh, ignore_errors=True)

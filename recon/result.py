@@ -1,0 +1,47 @@
+"""All that a run found out, as the outputs need it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from procmodels.space import Params
+from recon.scene import Canonical, Frames, Poses, Silhouettes
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that the last stage writes down.
+
+    class_name    the procedural model's name, params its values
+    view_iou      (V,) float, agreement of the re-rendered outline with the mask in every registered view
+    confidence    0..1, with its explanation in words
+    alternatives  (description, mean IoU) of runners-up, best first
+    seconds       per stage
+    height_m      real height of the object in metres, None when it was not given
+    versions      of the packages that made it
+    """
+
+    class_name: str
+    params: Params
+    frames: Frames
+    poses: Poses
+    silhouettes: Silhouettes
+    canonical: Canonical
+    view_iou: np.ndarray
+    confidence: float
+    explanation: str
+    alternatives: tuple[tuple[str, float], ...]
+    seconds: dict[str, float]
+    warnings: tuple[str, ...]
+    seed: int
+    height_m: float | None
+    versions: dict[str, str]
+
+    def __post_init__(self) -> None:
+        n = len(self.poses.cameras)
+        if self.view_iou.shape != (n,):
+            raise ValueError(f"view_iou must be ({n},), got {self.view_iou.shape}")
+        if self.silhouettes.names != self.poses.cameras.names:
+            raise ValueError("silhouettes and cameras must name the same views in the same order")
