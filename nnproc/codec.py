@@ -1,7 +1,8 @@
 """Parameter vectors as a network emits them: activations, losses and accuracy by kind of parameter.
 
 A vector (see procmodels.space) has one slot for a scalar or flag and a one-hot block for an integer or choice.
-A network emits raw scores of the same width: sigmoid for scalars and flags, softmax within a block (paper, section 3.2).
+A network emits raw scores of the same width: sigmoid for scalars and flags, softmax within a block (paper,
+section 3.2).
 """
 
 from __future__ import annotations

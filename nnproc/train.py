@@ -161,25 +161,28 @@ def _pick(step: int, total: int, count: int, options: TrainOptions, code: int) -
     return np.array([order[e][p % total] for e, p in zip(epochs, place, strict=True)])
 
 
+def mixed_batch(stores: list[CellStore], step: int, options: TrainOptions) -> tuple[Tensor, Tensor]:
+    """The batch of a step: on-grid and off-grid shapes, shuffled since parts of a batch are treated differently."""
+    on_grid = round(options.batch * options.on_grid_share)
+    counts = (on_grid, options.batch - on_grid)
+    picks = [_pick(step, len(s), c, options, i) for i, (s, c) in enumerate(zip(stores, counts, strict=True))]
+    batches = [s.batch(p) for s, p in zip(stores, picks, strict=True) if len(p)]
+    mix = np.random.default_rng([options.seed, 9, step]).permutation(options.batch)
+    cells, vectors = (torch.cat(t)[mix] for t in zip(*batches, strict=True))
+    return cells, vectors
+
+
 def train(class_name: str, data: Path, work: Path, options: TrainOptions) -> Trainer:
     """Run, or finish, a training. Raises ValueError for unusable data or a foreign checkpoint."""
     trainer = Trainer(class_name, work, options)
     space_hash = trainer.network.space.hash
     stores = [CellStore(read(data, which, space_hash)) for which in ("train_on", "train_off")]
-    counts = [round(options.batch * options.on_grid_share)]
-    counts.append(options.batch - counts[0])
     if trainer.resume():
         log.info("resuming at step %d", trainer.step)
     log.info("%d weights, %d steps", parameter_count(trainer.network), options.steps)
     while trainer.step < options.steps:
         started = time.monotonic()
-        picks = [
-            _pick(trainer.step, len(s), c, options, i) for i, (s, c) in enumerate(zip(stores, counts, strict=True))
-        ]
-        batches = [s.batch(p) for s, p in zip(stores, picks, strict=True) if len(p)]
-        # Mixed, since a part of each batch is decoded from PE's codes.
-        mix = np.random.default_rng([options.seed, 9, trainer.step]).permutation(options.batch)
-        cells, vectors = (torch.cat(t)[mix] for t in zip(*batches, strict=True))
+        cells, vectors = mixed_batch(stores, trainer.step, options)
         terms = trainer.advance(cells, vectors)
         trainer.seconds += time.monotonic() - started
         if trainer.step % 50 == 0:

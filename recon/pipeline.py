@@ -15,13 +15,14 @@ from procmodels import Model, ModelError, load
 from procmodels.blender import BlenderMissing, require
 from recon import align, fit, frames, hull, judge, outputs, poses, refine, scene, silhouettes
 from recon.outputs import OutputPaths
+from recon.result import Result
 from recon.scene import InputError
 from recon.store import Store, code_version, dataclasses_of, digest, folder_digest
 from recon.versions import versions
 
 log = logging.getLogger("recon")
 STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", "outputs")
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
         "refine", options.refine, lambda: refine.run(model, placed, masks, place, found, options.refine)
     )
     verdict = judge.run(model, placed, masks, refined, len(shots.names))
-    result = outputs.Result(
+    result = Result(
         class_name=model.name,
         params=refined.params,
         frames=shots,
@@ -111,7 +112,7 @@ class _Stages:
         if options.force or options.start:
             self.store.forget(STAGES[0 if options.force else STAGES.index(str(options.start)) :])
 
-    def run(self, name: str, options: Any, compute: Callable[[], Result]) -> Result:
+    def run(self, name: str, options: Any, compute: Callable[[], T]) -> T:
         """One stage's result, computed or taken from the store; `seconds` tells what computing it took."""
         self.chain = digest(self.chain, name, options if isinstance(options, list) else [options])
         place = f"[{STAGES.index(name) + 1}/{len(STAGES)}] {name}"

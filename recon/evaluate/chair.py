@@ -29,6 +29,7 @@ from recon.scene import Cameras, Canonical, Poses, ReconstructionError, Silhouet
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "datasets" / "samples" / "chair"
 SETS = 6
+SET_SIZE = {"views": 20, "width": 640, "height": 480, "samples": 8}
 HIDDEN_SEED = 20_261  # the six chairs' own generator: training draws from others
 
 
@@ -101,7 +102,7 @@ def rendered_sets(model: Model, work: Path) -> list[tuple[Params, Photoset]]:
             work.mkdir(parents=True, exist_ok=True)
             mesh = work / f"own_{i}.ply"
             model.build(params).to_trimesh().export(mesh)
-            render_photoset(mesh, folder, PhotosetOptions(seed=i, up="z", front="-y"))
+            render_photoset(mesh, folder, PhotosetOptions(seed=i, up="z", front="-y", **SET_SIZE))
         sets.append((params, read_photoset(folder)))
     return sets
 
