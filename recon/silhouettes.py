@@ -1,0 +1,195 @@
+"""Stage 3: where the object is in every photo.
+
+A mask that the user drew wins over the photo's alpha channel, and that over what is found automatically (`cutout`).
+All masks are compared with the shape that the others agree on; those that contradict it are not used.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from recon import carving, usermasks
+from recon.cutout import CutoutOptions, cut_out
+from recon.floor import FloorOptions, Room, find_room, look_point, up_direction
+from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError, Silhouettes
+from recon.undistort import undistorted_mask
+
+log = logging.getLogger("recon.silhouettes")
+
+
+@dataclass(frozen=True)
+class SilhouetteOptions:
+    """How the object is told from the room."""
+
+    seed: int = 0  # RANSAC and GrabCut; same seed, same photos: same masks
+    floor: FloorOptions = field(default_factory=FloorOptions)
+    cutout: CutoutOptions = field(default_factory=CutoutOptions)
+    judge_cells: int = 96  # cells along the object's box in which masks are compared
+    judge_share: float = 0.8  # of the other masks that must contain a cell
+    judge_below: float = 0.6  # a view is dropped when its IoU with the others' shape is below this x the median IoU
+    judge_least: int = 4  # masks; fewer cannot outvote one
+
+
+def run(
+    frames: Frames,
+    poses: Poses,
+    masks_dir: Path | None,
+    workdir: Path,
+    options: SilhouetteOptions = SilhouetteOptions(),
+) -> Silhouettes:
+    """Masks of all registered photos; also written to `workdir`/masks as PHOTO.png, white = object.
+
+    masks_dir  the user's own masks (`usermasks.load_folder`), drawn on the upright photos before undistortion
+    Raises InputError when no given mask can be used, ReconstructionError when the object cannot be found without one.
+    """
+    cameras = poses.cameras
+    known, reasons = _known(frames, poses, masks_dir)
+    given = {cameras.names.index(name): mask for name, (_, mask) in known.items()}
+    open_views = [v for v, name in enumerate(cameras.names) if v not in given and name not in dict(reasons)]
+    room, problem = _room(poses, options)
+    masks = [given.get(v, np.zeros((int(h), int(w)), bool)) for v, (w, h) in enumerate(cameras.sizes)]
+    if open_views:
+        try:
+            if room is None:
+                raise ReconstructionError(problem)
+            found = _found(poses, room, given, options)
+            masks = [found[v] if v in open_views else m for v, m in enumerate(masks)]
+        except ReconstructionError as error:
+            if not given:
+                raise
+            reasons += [(cameras.names[v], f"has no mask, and none was found: {error}") for v in open_views]
+    reasons += [(n, "nothing of the object was found in it") for n in _empty(cameras, masks, reasons)]
+    bad = dict(reasons)
+    used = np.array([name not in bad for name in cameras.names])
+    used, disagreeing = judge(cameras, masks, used, room, options)
+    reasons += disagreeing
+    for name, reason in reasons:
+        log.warning("%s is not used: %s", name, reason)
+    if not used.any():
+        raise ReconstructionError("no photo shows the object clearly; give masks (--masks, white = object)")
+    _write(cameras, masks, workdir / "masks")
+    source = tuple(known[n][0] if n in known else "grabcut" for n in cameras.names)
+    return Silhouettes(cameras.names, tuple(masks), source, used, None if room is None else room.floor, tuple(reasons))
+
+
+def _known(
+    frames: Frames, poses: Poses, masks_dir: Path | None
+) -> tuple[dict[str, tuple[str, np.ndarray]], list[tuple[str, str]]]:
+    """(source, mask) by photo name for masks that need not be found, and (name, reason) for those that are no good."""
+    known: dict[str, tuple[str, np.ndarray]] = {}
+    for name, path in zip(frames.names, frames.alpha, strict=True):
+        if path is not None and name in poses.cameras.names:
+            i = poses.cameras.names.index(name)
+            width, height = poses.cameras.sizes[i]
+            try:
+                mask = usermasks.read_mask(path, (int(width), int(height)))
+            except usermasks.BadMask as error:
+                log.info("the alpha channel of %s says nothing: %s", name, error)
+                continue
+            known[name] = ("alpha", undistorted_mask(mask, poses, name))
+    if masks_dir is None:
+        return known, []
+    drawn = usermasks.load_folder(masks_dir, frames, poses)
+    known.update({name: ("user", mask) for name, mask in drawn.masks.items()})
+    bad = [(name, reason) for name, reason in drawn.bad if name not in known]
+    return known, bad
+
+
+def _room(poses: Poses, options: SilhouetteOptions) -> tuple[Room | None, str]:
+    """The room, or None and why it was not found."""
+    try:
+        return find_room(poses.points, poses.cameras, np.random.default_rng(options.seed), options.floor), ""
+    except ReconstructionError as error:
+        log.info("%s", error)
+        return None, str(error)
+
+
+def _found(poses: Poses, room: Room, given: dict[int, np.ndarray], options: SilhouetteOptions) -> list[np.ndarray]:
+    images = []
+    for path, (width, height) in zip(poses.paths, poses.cameras.sizes, strict=True):
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None or image.shape[:2] != (height, width):
+            raise InputError(f"the undistorted photo {path} is missing or damaged; run again with --force")
+        images.append(image)
+    return cut_out(images, poses.cameras, room, given, options.cutout, options.seed)
+
+
+def _empty(cameras: Cameras, masks: list[np.ndarray], reasons: list[tuple[str, str]]) -> list[str]:
+    named = dict(reasons)
+    return [n for n, m in zip(cameras.names, masks, strict=True) if n not in named and not m.any()]
+
+
+def judge(
+    cameras: Cameras, masks: list[np.ndarray], used: np.ndarray, room: Room | None, options: SilhouetteOptions
+) -> tuple[np.ndarray, list[tuple[str, str]]]:
+    """Which views agree with the shape that the other used views carve, and (name, reason) of those that do not.
+
+    Twice, because a wrong mask also spoils the shape that the others are measured with.
+    """
+    reasons: list[tuple[str, str]] = []
+    for _ in range(2):
+        views = np.flatnonzero(used)
+        if len(views) < options.judge_least:
+            break
+        scores = _agreement(cameras.subset(views), [masks[v] for v in views], room, options)
+        limit = options.judge_below * float(np.median(scores))
+        wrong = [(int(v), float(s)) for v, s in zip(views, scores, strict=True) if s < limit]
+        used = used.copy()
+        for v, score in wrong:
+            used[v] = False
+            usual = f"usual for this object: {np.median(scores):.2f}"
+            reasons.append(
+                (cameras.names[v], f"its mask contradicts the others: overlap {score:.2f} with their shape ({usual})")
+            )
+        if not wrong:
+            break
+    return used, reasons
+
+
+def _agreement(cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions) -> np.ndarray:
+    """(V,) IoU of each mask with the picture of the hull that the other masks carve."""
+    # A cell's middle can fall beside a member that is thinner than a cell: one pixel of slack.
+    wide = [cv2.dilate(m.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32) for m in masks]
+    cells = _block(cameras, room, 64)
+    need = options.judge_share * (len(cameras) - 1)
+    rough = (carving.add_up(cells, cameras, wide) >= need) & carving.seen_by_most(cells, cameras)
+    if not rough.any():
+        return np.ones(len(cameras))  # no common shape to measure with: do not accuse anybody
+    cells = carving.around(cells, rough, options.judge_cells)
+    seen, every = carving.seen_by_most(cells, cameras), carving.add_up(cells, cameras, wide)
+    scores = []
+    for v, mask in enumerate(masks):
+        solid = (every - carving.add_up(cells, cameras.subset([v]), [wide[v]]) >= need) & seen
+        shape = carving.picture(cells, solid, cameras, v)
+        scores.append((shape & mask).sum() / max(1, (shape | mask).sum()))
+    return np.array(scores)
+
+
+def _block(cameras: Cameras, room: Room | None, longest: int) -> carving.Cells:
+    """The region that the cameras look at; without a floor it is centred where they look."""
+    if room is not None:
+        return carving.region(room.axes, room.focus, room.distance, cameras, longest)
+    up, target = up_direction(cameras), look_point(cameras)
+    distance = float(np.median(np.linalg.norm(cameras.centres() - target, axis=1)))
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    axes = np.array([first, np.cross(up, first), up])
+    half = carving.region(axes, target, distance, cameras, longest)
+    return carving.region(axes, target - up * half.side * half.shape[2] / 2, distance, cameras, longest)
+
+
+def _write(cameras: Cameras, masks: list[np.ndarray], folder: Path) -> None:
+    """PHOTO.png a view, each whole or absent; masks of an earlier run are removed."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for name, mask in zip(cameras.names, masks, strict=True):
+        partial = folder / f"{name}.tmp"
+        partial.write_bytes(cv2.imencode(".png", mask.astype(np.uint8) * 255)[1].tobytes())
+        os.replace(partial, folder / f"{name}.png")
