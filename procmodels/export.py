@@ -7,10 +7,8 @@ object faces +Z).
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import io
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,7 +59,7 @@ def save_blend(asset: Asset, path: Path) -> None:
     Replaces Blender's current session by a clean one. Raises BlenderMissing, and OSError when it cannot be written.
     """
     bpy = require("bpy")
-    with _quiet():
+    with redirect_stdout(io.StringIO()):  # Blender reports every saved file there
         bpy.ops.wm.read_factory_settings(use_empty=True)
         scene = bpy.context.scene
         scene.unit_settings.system = "NONE" if asset.metres_per_unit is None else "METRIC"
@@ -165,7 +163,6 @@ def _mesh(bpy: Any, part: Part) -> Any:
 def _material(bpy: Any) -> Any:
     material = bpy.data.materials.new("wood")
     material.diffuse_color = (*COLOUR, 1)  # what the solid view shows
-    material.use_nodes = True
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Base Color"].default_value = (*COLOUR, 1)
     shader.inputs["Roughness"].default_value = ROUGHNESS
@@ -196,18 +193,3 @@ def _ui(parameter: Parameter) -> dict[str, Any]:
     if isinstance(parameter, Choice):
         ui["default"] = parameter.options[0]
     return ui
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Send what Blender's C code says to nowhere; it does not go through Python's sys.stdout."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)

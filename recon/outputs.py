@@ -29,8 +29,6 @@ from recon.result import Result
 from recon.scene import InputError
 from recon.shade import render_previews
 
-__all__ = ["OutputPaths", "OutputsOptions", "Result", "run"]
-
 
 @dataclass(frozen=True)
 class OutputsOptions:
@@ -65,7 +63,7 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
     results as they were. Raises InputError when the folder cannot be written.
     """
     started = time.monotonic()
-    asset = _asset(result, model)
+    asset = asset_of(result, model)
     with _replacing(out) as fresh:
         _write_meshes(fresh, asset, options)
         _write_json(fresh / "params.json", params_content(result, asset))
@@ -154,7 +152,8 @@ def _parameter(parameter: Any, result: Result) -> dict[str, Any]:
     return _plain(about)
 
 
-def _asset(result: Result, model: Model) -> Asset:
+def asset_of(result: Result, model: Model) -> Asset:
+    """The result's shape with what the files say about it; the given height is that of its extent along z."""
     shape: Shape = model.build(result.params)
     height = float(np.ptp(shape.bounds(), axis=0)[2])
     metres = None if result.height_m is None else result.height_m / height
