@@ -19,7 +19,7 @@ th, td { text-align: left; font-weight: normal; padding: .38rem .8rem .38rem 0; 
   vertical-align: baseline; }
 th { white-space: nowrap; }
 td { width: 99%; }
-.parameters td:nth-child(2) { width: 1%; white-space: nowrap; }
+.parameters td:nth-child(2), .seconds td:nth-child(2) { width: 1%; white-space: nowrap; }
 .range { display: flex; align-items: center; gap: .5rem; }
 .range small:first-child { width: 2em; text-align: right; }
 .range .bar { flex: 1; }
