@@ -101,7 +101,7 @@ def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt 
 def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: PosesOptions) -> Path:
     """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
     count = len(frames.names)
-    if frames.sizes.max() < options.enlarge_below:
+    if frames.sizes.max() < options.enlarge_below or count <= options.enlarge_up_to:
         rung = replace(rung, first_octave=-1)
     order = {
         "images": [p.name for p in frames.paths],

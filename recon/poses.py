@@ -34,7 +34,8 @@ class PosesOptions:
     threads: int = 0  # for features and matching; 0 = one a core. Mapping uses one, so that it repeats exactly
     matching: str = "auto"  # "exhaustive", "sequential" (ordered photos), or "auto": by the number of photos
     exhaustive_up_to: int = 60  # photos; "auto" compares every pair up to here
-    enlarge_below: int = 700  # px, longest side: smaller photos are searched for features enlarged twice from the start
+    enlarge_below: int = 700  # px, longest side: smaller photos are searched for features enlarged twice at once
+    enlarge_up_to: int = 16  # photos: of so few, too; the features are needed, and the time is short anyway
     overlap: int = 10  # neighbours on either side that sequential matching compares
     good_fraction: float = 0.9  # of the photos: once so many are placed, no further attempt is made
     min_registered: int = 6  # photos; fewer placed is an error (of 3 to 5 photos all must be placed)
