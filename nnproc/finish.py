@@ -109,9 +109,14 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
 
 
 def _save(
-    path: Path, trained: dict[str, Tensor], optimiser: torch.optim.Optimizer, step: int, seconds: float, options: dict
+    path: Path,
+    trained: dict[str, torch.nn.Parameter],
+    optimiser: torch.optim.Optimizer,
+    step: int,
+    seconds: float,
+    options: dict,
 ) -> None:
-    tensors = {f"net.{n}": p for n, p in trained.items()}
+    tensors: dict[str, Tensor] = {f"net.{n}": p for n, p in trained.items()}
     for name, parameter in trained.items():
         tensors |= {f"opt.{k}.{name}": v for k, v in optimiser.state[parameter].items()}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +127,7 @@ def _save(
 
 
 def _resume(
-    path: Path, trained: dict[str, Tensor], optimiser: torch.optim.Optimizer, options: dict
+    path: Path, trained: dict[str, torch.nn.Parameter], optimiser: torch.optim.Optimizer, options: dict
 ) -> tuple[int, float]:
     """Take up an earlier save of the same options; the step to go on from and the seconds already spent."""
     if not path.is_file():

@@ -31,13 +31,13 @@ def device() -> torch.device:
 
 
 def save_network(path: Path, network: NNProc) -> None:
-    """Write the weights with everything that rebuilds and checks them; whole or not at all."""
+    """Write the weights, in half precision, with everything that rebuilds and checks them; whole or not at all."""
     metadata = {
         "class": network.space.name,
         "space_hash": network.space.hash,
         "config": json.dumps(asdict(network.config)),
     }
-    tensors = {k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}
+    tensors = {k: v.detach().half().cpu().contiguous() for k, v in network.state_dict().items()}
     partial = path.with_suffix(".partial")
     save_file(tensors, partial, metadata)
     partial.replace(path)
@@ -56,7 +56,7 @@ def load_network(space: ParamSpace, path: Path | None = None) -> NNProc:
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
-            tensors = {k: file.get_tensor(k) for k in file.keys()}  # noqa: SIM118 (not a dict)
+            tensors = {k: file.get_tensor(k).float() for k in file.keys()}  # noqa: SIM118 (not a dict)
     except (SafetensorError, OSError) as error:
         raise WeightsError(f"{path} is not a readable safetensors file ({error}); restore or retrain it") from error
     if metadata.get("class") != space.name or metadata.get("space_hash") != space.hash:

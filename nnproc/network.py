@@ -200,13 +200,13 @@ class _CrossEntropy(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx, logits: Tensor, target: Tensor) -> Tensor:  # type: ignore[override]
+    def forward(ctx, logits: Tensor, target: Tensor) -> Tensor:
         sign = 1 - 2 * target.to(logits.dtype)
         signed = logits * sign
         ctx.save_for_backward(torch.sigmoid(signed).mul_(sign))
         return F.softplus(signed).flatten(1).sum(1, dtype=torch.promote_types(logits.dtype, torch.float32))
 
     @staticmethod
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:  # type: ignore[override]
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
         (slope,) = ctx.saved_tensors
         return slope * grad.to(slope.dtype).view(-1, *[1] * (slope.dim() - 1)), None

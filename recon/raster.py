@@ -146,11 +146,12 @@ def _fill(
         cover += np.bincount(line + column + 1, weight[at] * (x - column), offsets[-1])
     else:
         column = np.clip(np.ceil(x - 0.5), 0, width).astype(int)
-        cover = np.bincount(line + column, weight[at], offsets[-1])
+        cover = np.zeros(offsets[-1], np.int16)
+        np.add.at(cover, line + column, weight[at].astype(np.int16))
     out = []
     for low, high, h, w in zip(offsets[:-1], offsets[1:], heights, widths, strict=True):
-        times = np.abs(np.cumsum(cover[low:high])).reshape(h, w + 1)[:, :w]
-        out.append(np.clip(times / 2, 0, 1).astype(np.float32) if soft else times > 0.5)
+        times = np.abs(np.cumsum(cover[low:high], dtype=cover.dtype)).reshape(h, w + 1)[:, :w]
+        out.append(np.clip(times / 2, 0, 1).astype(np.float32) if soft else times > 0)
     return out
 
 

@@ -1,8 +1,8 @@
 """Polish parameters and alignment on the exact procedural model.
 
 Given choices and integers, the scalars and the seven numbers of the alignment are moved by Gauss-Newton steps on
-blurred silhouettes (derivatives by finite differences: a mesh and its outlines cost milliseconds). Around that, one discrete
-parameter or the front is changed at a time, and a change is kept when the mean IoU of the silhouettes rises.
+blurred silhouettes (derivatives by finite differences: a mesh and its outlines cost milliseconds). Around that, one
+discrete parameter or the front is changed at a time, and a change is kept when the mean IoU of the silhouettes rises.
 """
 
 from __future__ import annotations

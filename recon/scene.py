@@ -1,8 +1,8 @@
 """What the stages hand to each other, and every convention of the project, stated once.
 
 Canonical frame: right-handed, X right, the object faces -Y, Z up; its bounding box is centred on the origin
-    and its longest side is 1. Voxel (i, j, k) of a 64^3 grid is centred at ((i, j, k) + 0.5) / 64 - 0.5, axes in x, y, z
-    order.
+    and its longest side is 1. Voxel (i, j, k) of a 64^3 grid is centred at ((i, j, k) + 0.5) / 64 - 0.5, axes in
+    x, y, z order.
 World frame: whatever structure from motion chose, in "SfM units"; right-handed, no preferred up.
 Cameras: OpenCV axes (x right, y down, z forward), undistorted pinhole, pixel centres at +0.5: a pixel in column c and
     row r covers [c, c+1) x [r, r+1), so u = K (cam_from_world X) gives (c + 0.5, r + 0.5) for its middle.

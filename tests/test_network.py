@@ -93,7 +93,7 @@ def test_weights_round_trip_and_are_refused_for_another_space(tmp_path):
     save_network(path, network)
     loaded = load_network(SPACE, path)
     z = torch.randn(2, 128)
-    assert torch.allclose(network.decode_params(z), loaded.decode_params(z))
+    assert torch.allclose(network.decode_params(z), loaded.decode_params(z), atol=1e-3)
     other = ParamSpace("stool", SPACE.parameters, version=2)
     with pytest.raises(WeightsError) as error:
         load_network(other, path)
