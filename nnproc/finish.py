@@ -158,12 +158,11 @@ def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> No
     network.load_state_dict(state)
     path = WEIGHTS / f"{class_name}.safetensors"
     card = json.loads(path.with_suffix(".json").read_text())
-    # Side by side on two cores, the finish takes as long as its slower half.
-    joint = card.get("joint_minutes", card["minutes"])
+    command = f"python -m nnproc.finish {class_name} --seed {options.seed}"
     card |= {
-        "joint_minutes": joint,
-        "finish": {"command": f"python -m nnproc.finish {class_name}", "options": asdict(options), "minutes": minutes},
-        "minutes": round(joint + max(minutes.values()), 1),
+        "finish": [*card.get("finish", []), {"command": command, "options": asdict(options), "minutes": minutes}],
+        # Side by side on two cores, a finish takes as long as its slower half.
+        "minutes": round(card["minutes"] + max(minutes.values()), 1),
         "held_out": {w: score(network, read(data, w, network.space.hash)) for w in ("test_on", "test_off")},
     }
     save_network(path, network)
@@ -175,22 +174,25 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m nnproc.finish", description=__doc__.split("\n")[0])
     parser.add_argument("class_name", metavar="class")
     parser.add_argument("--data", type=Path, help="generated pairs (default .cache/data/CLASS)")
-    parser.add_argument("--work", type=Path, help="checkpoints (default .cache/finish/CLASS)")
+    parser.add_argument("--work", type=Path, help="checkpoints (default .cache/finish/CLASS_SEED)")
+    parser.add_argument("--seed", type=int, default=1, help="another seed for another round")
     parser.add_argument("--half", choices=(*HALVES, "merge"), help="only this part (default: both, then merge)")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     data = args.data or Path(".cache/data") / args.class_name
-    work = args.work or Path(".cache/finish") / args.class_name
+    work = args.work or Path(".cache/finish") / f"{args.class_name}_{args.seed}"
+    options = FinishOptions(seed=args.seed)
     try:
         if args.half in HALVES:
-            finish_half(args.class_name, args.half, data, work, FinishOptions())
+            finish_half(args.class_name, args.half, data, work, options)
             return 0
         if args.half is None:
             own = [sys.executable, "-m", "nnproc.finish", args.class_name, "--data", str(data), "--work", str(work)]
+            own += ["--seed", str(args.seed)]
             halves = [subprocess.Popen([*own, "--half", half]) for half in HALVES]
             if any([p.wait() for p in halves]):
                 raise ValueError("a half failed; its message stands above")
-        merge(args.class_name, data, work, FinishOptions())
+        merge(args.class_name, data, work, options)
     except (ModelError, ValueError, OSError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2
