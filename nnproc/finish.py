@@ -12,6 +12,7 @@ Each half is one process with one thread that writes its own file; an interrupte
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import logging
 import subprocess
@@ -23,7 +24,7 @@ from pathlib import Path
 import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from datasets.synthetic import read
 from nnproc.infer import WEIGHTS, load_network, save_network
@@ -33,6 +34,7 @@ from nnproc.train import CellStore, TrainOptions, learning_rate, mixed_batch, sc
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.finish")
+SIGMA = 3.0  # weight of the squared change of log sigma^2
 HALVES = {"decode": ("shape_decoder",), "encode": ("shape_encoder", "param_decoder")}
 
 
@@ -40,18 +42,22 @@ HALVES = {"decode": ("shape_decoder",), "encode": ("shape_encoder", "param_decod
 class FinishOptions:
     """How the halves go on; the defaults made the shipped weights."""
 
-    decode_steps: int = 2600
+    decode_steps: int = 1500
     encode_steps: int = 3600
     batch: int = 32
-    decode_rate: float = 1e-3  # peak of the one-cycle schedule
+    decode_rate: float = 5e-4  # peak of the one-cycle schedule
     encode_rate: float = 1e-3
     on_grid_share: float = 0.5
     save_every: int = 500
     seed: int = 1
 
 
-def half_loss(network: NNProc, half: str, cells: Tensor, vectors: Tensor, noise: Tensor) -> Tensor:
-    """What one half minimises on a batch."""
+def half_loss(network: NNProc, before: nn.Module, half: str, cells: Tensor, vectors: Tensor, noise: Tensor) -> Tensor:
+    """What one half minimises on a batch. `before` is SE as it was.
+
+    Without SD nothing but the KL term would speak for sigma, and it would grow until samples mean nothing: the encoding
+    half keeps the sigma that the joint training balanced.
+    """
     weights = LossWeights()
     z_params = network.encode_params(vectors)
     with torch.set_grad_enabled(half == "encode"):
@@ -60,11 +66,14 @@ def half_loss(network: NNProc, half: str, cells: Tensor, vectors: Tensor, noise:
     if half == "decode":
         z = torch.cat([z_params[: len(z_params) // 2], z_shape[len(z_params) // 2 :]])
         return occupancy_loss(network.decode_cells(z), cells).mean()
+    with torch.no_grad():
+        logvar_before = before(cells).float().chunk(2, 1)[1].clamp(-12, 6)
     param = sum(network.codec.loss(network.score_params(z), vectors).mean() for z in (mean, z_shape, z_params))
     return (
         weights.param * param
         + weights.latent * (mean - z_params).square().sum(1).mean()
         + weights.kl * kl_divergence(mean, logvar).mean()
+        + SIGMA * (logvar - logvar_before).square().sum(1).mean()
         + weights.sim * similarity_loss(mean, vectors)
     )
 
@@ -73,6 +82,7 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
     """Train one half and write it, with the seconds of processor time it took, to `work`/HALF.safetensors."""
     torch.set_num_threads(1)
     network = load_network(load(class_name).space)
+    before = copy.deepcopy(network.shape_encoder)
     stores = [CellStore(read(data, which, network.space.hash)) for which in ("train_on", "train_off")]
     trained = {n: p for n, p in network.named_parameters() if n.split(".")[0] in HALVES[half]}
     for parameter in trained.values():
@@ -88,7 +98,7 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
     )
     optimiser = torch.optim.AdamW(trained.values(), weight_decay=schedule.weight_decay, fused=True)
     path = work / f"{half}.safetensors"
-    step, before = _resume(path, trained, optimiser, asdict(options))
+    step, spent = _resume(path, trained, optimiser, asdict(options))
     started = time.process_time()
     while step < steps:
         for group in optimiser.param_groups:
@@ -97,7 +107,7 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
         generator = torch.Generator().manual_seed(options.seed * 1_000_003 + step)
         noise = torch.randn(len(cells), network.config.latent, generator=generator)
         with torch.autocast("cpu", torch.bfloat16):
-            loss = half_loss(network, half, cells, vectors, noise)
+            loss = half_loss(network, before, half, cells, vectors, noise)
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         optimiser.step()
@@ -105,7 +115,7 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
         if step % 100 == 0:
             log.info("%s step %d of %d: %.4g", half, step, steps, float(loss.detach()))
         if step % options.save_every == 0 or step == steps:
-            _save(path, trained, optimiser, step, before + time.process_time() - started, asdict(options))
+            _save(path, trained, optimiser, step, spent + time.process_time() - started, asdict(options))
 
 
 def _save(

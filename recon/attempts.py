@@ -40,10 +40,12 @@ class Rung:
     pose_inliers: int = 30  # points that must fit for a photo to be placed
     start_inliers: int = 100  # matches of the first pair
     start_angle: float = 16.0  # degrees between the rays of the first pair
+    keep_focal: bool = False  # hold the focal length that EXIF tells
 
 
 LADDER = (
     Rung("usual settings"),
+    Rung("focal length held at EXIF's", True, keep_focal=True),
     Rung("another first pair, lower thresholds", True, pose_inliers=15, start_inliers=40, start_angle=6.0),
     Rung("more and fainter features", False, 8192, -1, 0.0033, False, True, True, 12, 15, 40, 6.0),
     Rung("affine features at several scales", False, 16384, -1, 0.002, True, True, True, 10, 12, 30, 4.0),
@@ -78,7 +80,10 @@ class Attempt:
 def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt | None, str, list[str]]:
     """The attempt that placed the most photos, its rung's name, and what went wrong in crashed attempts."""
     best, best_name, failures = None, "", []
+    enough = options.good_fraction * len(frames.names)
     for i, rung in enumerate(LADDER[: options.attempts]):
+        if rung.keep_focal and (best is None or plausible_focal(frames, best.view, best.K)):
+            continue
         log.info("attempt %d, %s", i + 1, rung.name)
         started = time.monotonic()
         try:
@@ -89,18 +94,32 @@ def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt 
             continue
         seconds = time.monotonic() - started
         log.info("placed %d of %d photos in %.0f s", len(attempt.view), len(frames.names), seconds)
-        if best is None or len(attempt.view) > len(best.view):
+        # A reconstruction bent by a wrong focal length may hold every photo, but few of the points.
+        if best is None or _evidence(attempt, enough) > _evidence(best, enough):
             best, best_name = attempt, rung.name
-        if len(attempt.view) >= options.good_fraction * len(frames.names):
+        if len(best.view) >= enough and (rung.keep_focal or plausible_focal(frames, best.view, best.K)):
             break
         if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
             break  # there is nothing to find in these photos
     return best, best_name, failures
 
 
+def _evidence(attempt: Attempt, enough: float) -> tuple[float, int]:
+    """What attempts are ranked by: photos up to enough of them, then points."""
+    return min(len(attempt.view), enough), len(attempt.points)
+
+
+def plausible_focal(frames: Frames, view: np.ndarray, K: np.ndarray) -> bool:
+    """Whether the focal lengths K (v, 3, 3) of frames `view` are near what EXIF says, or EXIF says nothing."""
+    ratio = K[:, 0, 0] / frames.focal_px[view]
+    ratio = ratio[np.isfinite(ratio)]
+    return not len(ratio) or bool(abs(np.log(np.median(ratio))) <= np.log(1.25))
+
+
 def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: PosesOptions) -> Path:
     """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
     count = len(frames.names)
+    source = max((i for i, r in enumerate(LADDER[: number + 1]) if not r.reuse), default=number)
     if frames.sizes.max() < options.enlarge_below or count <= options.enlarge_up_to:
         rung = replace(rung, first_octave=-1)
     order = {
@@ -113,7 +132,7 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
             options.exhaustive_up_to,
             options.overlap,
         ),
-        "database": str((folder / f"features_{number - rung.reuse}.db").resolve()),
+        "database": str((folder / f"features_{source}.db").resolve()),
         "rung": asdict(rung),
         "seed": options.seed + number,
         "threads": options.threads or os.cpu_count() or 1,

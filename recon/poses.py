@@ -40,7 +40,7 @@ class PosesOptions:
     good_fraction: float = 0.9  # of the photos: once so many are placed, no further attempt is made
     min_registered: int = 6  # photos; fewer placed is an error (of 3 to 5 photos all must be placed)
     min_fraction: float = 0.25  # of the photos; fewer placed is an error
-    attempts: int = 4  # at most so many rungs of LADDER
+    attempts: int = 5  # at most so many rungs of LADDER
     attempt_seconds: float = 1800.0  # an attempt that takes longer is given up
 
 
@@ -185,6 +185,7 @@ def _map(pycolmap: Any, database: Path, order: dict[str, Any], out: Path) -> lis
     options.mapper.abs_pose_min_num_inliers = rung["pose_inliers"]
     options.mapper.init_min_num_inliers = rung["start_inliers"]
     options.mapper.init_min_tri_angle = rung["start_angle"]
+    options.ba_refine_focal_length = not rung["keep_focal"]
     models = pycolmap.incremental_mapping(database, order["image_dir"], out, options)
     return sorted(models.values(), key=lambda m: -m.num_reg_images())
 

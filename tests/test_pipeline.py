@@ -66,8 +66,9 @@ def test_one_photo_without_a_mask(tmp_path, capsys):
 
 
 def test_photos_that_are_all_the_same(photos, tmp_path, capsys):
-    for other in list(photos.iterdir())[1:]:
-        shutil.copy(sorted(photos.iterdir())[0], other)
+    first, *others = sorted(photos.iterdir())
+    for other in others:
+        shutil.copy(first, other)
     assert "identical" in _fails(capsys, photos, "--out", tmp_path / "o")
     assert not (tmp_path / "o" / "report.json").exists()
 
