@@ -75,7 +75,7 @@ def run(
     if not used.any():
         raise ReconstructionError("no photo shows the object clearly; give masks (--masks, white = object)")
     _write(cameras, masks, workdir / "masks")
-    source = tuple(known[n][0] if n in known else "grabcut" for n in cameras.names)
+    source = tuple("grabcut" if v in open_views else known.get(n, ("user",))[0] for v, n in enumerate(cameras.names))
     return Silhouettes(cameras.names, tuple(masks), source, used, None if room is None else room.floor, tuple(reasons))
 
 

@@ -1,4 +1,4 @@
-"""The stage that finds the object in every photo: floor, automatic masks, the user's masks, and what is wrong with them.
+"""The stage that finds the object in every photo: floor, automatic masks, the user's masks, and what can be wrong.
 
 The photos are drawn here: a small table of plain boxes on a patterned floor, with exact masks.
 """
