@@ -24,6 +24,8 @@ fast: install
 weights: install
 	$(BIN)/python -m datasets.synthetic chair --out .cache/data/chair
 	$(BIN)/python -m nnproc.train chair
+	$(BIN)/python -m nnproc.finish chair --seed 1
+	$(BIN)/python -m nnproc.finish chair --seed 3
 
 install: $(VENV)/installed
 

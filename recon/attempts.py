@@ -94,7 +94,7 @@ def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt 
             continue
         seconds = time.monotonic() - started
         log.info("placed %d of %d photos in %.0f s", len(attempt.view), len(frames.names), seconds)
-        # A reconstruction bent by a wrong focal length may hold every photo, but few of the points.
+        # A reconstruction bent by a wrong focal length may hold every photo, but explains few of the matches.
         if best is None or _evidence(attempt, enough) > _evidence(best, enough):
             best, best_name = attempt, rung.name
         if len(best.view) >= enough and (rung.keep_focal or plausible_focal(frames, best.view, best.K)):
@@ -105,8 +105,8 @@ def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt 
 
 
 def _evidence(attempt: Attempt, enough: float) -> tuple[float, int]:
-    """What attempts are ranked by: photos up to enough of them, then points."""
-    return min(len(attempt.view), enough), len(attempt.points)
+    """What attempts are ranked by: photos up to enough of them, then how often points were seen."""
+    return min(len(attempt.view), enough), int(attempt.tracks.sum())
 
 
 def plausible_focal(frames: Frames, view: np.ndarray, K: np.ndarray) -> bool:
