@@ -26,6 +26,7 @@ weights: install
 	$(BIN)/python -m nnproc.train chair
 	$(BIN)/python -m nnproc.finish chair --seed 1
 	$(BIN)/python -m nnproc.finish chair --seed 3
+	$(BIN)/python -m nnproc.finish chair --seed 4 --on-grid-share 0.8
 
 install: $(VENV)/installed
 

@@ -42,13 +42,13 @@ HALVES = {"decode": ("shape_decoder",), "encode": ("shape_encoder", "param_decod
 class FinishOptions:
     """How the halves go on; the defaults made the shipped weights."""
 
-    decode_steps: int = 1500
+    decode_steps: int = 1200
     encode_steps: int = 3600
     batch: int = 32
     decode_rate: float = 5e-4  # peak of the one-cycle schedule
     encode_rate: float = 1e-3
     on_grid_share: float = 0.5
-    save_every: int = 500
+    save_every: int = 300
     seed: int = 1
 
 
@@ -161,7 +161,7 @@ def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> No
     """Put both halves into the shipped weights and bring the card up to date."""
     network = load_network(load(class_name).space)
     state, minutes = network.state_dict(), {}
-    for half in HALVES:
+    for half in [h for h in HALVES if (work / f"{h}.safetensors").is_file()]:
         with safe_open(work / f"{half}.safetensors", framework="pt") as file:
             state |= {k[4:]: file.get_tensor(k) for k in file.keys() if k.startswith("net.")}  # noqa: SIM118 (not a dict)
             minutes[half] = round(float(file.metadata()["seconds"]) / 60, 1)
@@ -169,6 +169,8 @@ def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> No
     path = WEIGHTS / f"{class_name}.safetensors"
     card = json.loads(path.with_suffix(".json").read_text())
     command = f"python -m nnproc.finish {class_name} --seed {options.seed}"
+    if len(minutes) < len(HALVES):
+        command += f" --half {next(iter(minutes))} --on-grid-share {options.on_grid_share}"
     card |= {
         "finish": [*card.get("finish", []), {"command": command, "options": asdict(options), "minutes": minutes}],
         # Side by side on two cores, a finish takes as long as its slower half.
@@ -186,19 +188,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, help="generated pairs (default .cache/data/CLASS)")
     parser.add_argument("--work", type=Path, help="checkpoints (default .cache/finish/CLASS_SEED)")
     parser.add_argument("--seed", type=int, default=1, help="another seed for another round")
+    parser.add_argument("--on-grid-share", type=float, default=FinishOptions.on_grid_share)
     parser.add_argument("--half", choices=(*HALVES, "merge"), help="only this part (default: both, then merge)")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     data = args.data or Path(".cache/data") / args.class_name
     work = args.work or Path(".cache/finish") / f"{args.class_name}_{args.seed}"
-    options = FinishOptions(seed=args.seed)
+    options = FinishOptions(seed=args.seed, on_grid_share=args.on_grid_share)
     try:
         if args.half in HALVES:
             finish_half(args.class_name, args.half, data, work, options)
             return 0
         if args.half is None:
             own = [sys.executable, "-m", "nnproc.finish", args.class_name, "--data", str(data), "--work", str(work)]
-            own += ["--seed", str(args.seed)]
+            own += ["--seed", str(args.seed), "--on-grid-share", str(args.on_grid_share)]
             halves = [subprocess.Popen([*own, "--half", half]) for half in HALVES]
             if any([p.wait() for p in halves]):
                 raise ValueError("a half failed; its message stands above")
