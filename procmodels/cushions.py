@@ -1,0 +1,50 @@
+"""Soft pillows: two bulging sheets sewn together along their rim. Plain arrays, no Blender."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procmodels.shape import Part
+
+CELLS = 10  # along each side of a sheet; even, so that the mesh is symmetric
+PINCH = 0.08  # how far the middle of a side is pulled in, of half the pillow's size: the corners stand out
+FULLNESS = 0.8  # exponent of the bulge: smaller is plumper
+SEAM = 0.3  # height of the seam, of the pillow's thickness
+PRESSED = 0.7  # where the bulge is higher than this, the underside lies flat
+
+
+def pillow(name: str, middle: tuple[float, float, float], width: float, depth: float, thickness: float) -> Part:
+    """A pillow lying flat, `middle` being the middle of its underside; width along X, depth along Y."""
+    # Cells get smaller towards the rim, where the cloth turns round.
+    turn = np.linspace(-np.pi / 2, np.pi / 2, CELLS + 1)
+    u, v = np.meshgrid(np.sin(turn), np.sin(turn), indexing="ij")
+    bulge = np.clip(np.outer(np.cos(turn), np.cos(turn)), 0, 1) ** FULLNESS
+    x = u * (1 - PINCH * (1 - v**2)) * width / 2
+    y = v * (1 - PINCH * (1 - u**2)) * depth / 2
+    above = thickness * (SEAM + (1 - SEAM) * bulge)
+    below = thickness * SEAM * (1 - np.minimum(bulge / PRESSED, 1))
+
+    # The lower sheet has the upper one's vertices on the rim, and its own inside.
+    upper = np.arange(u.size).reshape(u.shape)
+    inside = np.zeros(u.shape, bool)
+    inside[1:-1, 1:-1] = True
+    lower = upper.copy()
+    lower[inside] = u.size + np.arange(inside.sum())
+    sheets = [np.stack([x, y, above], -1).reshape(-1, 3), np.stack([x, y, below], -1)[inside]]
+    # The lower sheet is seen from the other side: its triangles run the other way round.
+    faces = _triangles(upper) + [(a, c, b) for a, b, c in _triangles(lower)]
+    return Part(name, np.concatenate(sheets) + middle, tuple(faces))
+
+
+def _triangles(sheet: np.ndarray) -> list[tuple[int, int, int]]:
+    """Every cell of a grid of vertex numbers, cut from the corner far from the middle to the one near it.
+
+    At the pillow's corners no other cut would do: it would put one triangle into both sheets.
+    """
+    half, out = (len(sheet) - 1) / 2, []
+    for i, j in np.ndindex(len(sheet) - 1, len(sheet) - 1):
+        a, b, c, d = (int(sheet[k]) for k in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)))
+        if (i < half) != (j < half):
+            a, b, c, d = b, c, d, a
+        out += [(a, b, c), (a, c, d)]
+    return out
