@@ -3,6 +3,8 @@
 A model file defines
     SPACE             a ParamSpace
     build(params)     a list of Parts, standing on z = 0, facing -Y, in any unit
+and may define
+    live_object(params, material)   a Blender object whose modifier builds the same mesh, its inputs the parameters
 """
 
 from __future__ import annotations
@@ -25,10 +27,11 @@ class ModelError(ValueError):
 
 @dataclass(frozen=True)
 class Model:
-    """A procedural model: its parameter space and the function that builds its parts."""
+    """A procedural model: its parameter space, what builds its parts, and what keeps it live in .blend files."""
 
     space: ParamSpace
     build_parts: Callable[[Params], list[Part]]
+    live_object: Callable[[Params, Any], Any] | None = None
 
     @property
     def name(self) -> str:
@@ -59,7 +62,7 @@ def load(name: str) -> Model:
     space, build = getattr(module, "SPACE", None), getattr(module, "build", None)
     if not isinstance(space, ParamSpace) or not callable(build):
         raise ModelError(f"{name}: a model file defines SPACE (a ParamSpace) and build(params)")
-    return Model(space, build)
+    return Model(space, build, getattr(module, "live_object", None))
 
 
 def _module_from(path: Path) -> ModuleType:

@@ -8,6 +8,7 @@ object faces +Z).
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,7 @@ class Asset:
 
     metres_per_unit       metres per canonical unit, None when the real size is not known
     world_from_canonical  (4, 4) float similarity into the frame of the photos' cameras, None without photos
+    live_object           the model's function of that name, None when it has none
     """
 
     shape: Shape
@@ -40,6 +42,7 @@ class Asset:
     params: Params
     metres_per_unit: float | None = None
     world_from_canonical: np.ndarray | None = None
+    live_object: Callable[[Params, Any], Any] | None = None
 
     @property
     def unit(self) -> str:
@@ -56,6 +59,8 @@ class Asset:
 def save_blend(asset: Asset, path: Path) -> None:
     """A .blend with one object a part, parented to an empty that carries the parameters as custom properties.
 
+    A model with a live object gives that one instead: its modifier builds all parts, and its inputs can be changed.
+
     Replaces Blender's current session by a clean one. Raises BlenderMissing, and OSError when it cannot be written.
     """
     bpy = require("bpy")
@@ -70,11 +75,12 @@ def save_blend(asset: Asset, path: Path) -> None:
         collection.objects.link(root)
         _set_properties(root, asset)
         material = _material(bpy)
-        for part in asset.shape.parts:
-            obj = bpy.data.objects.new(part.name, _mesh(bpy, part.moved(asset.mesh_from_canonical)))
-            obj.data.materials.append(material)
+        live = asset.live_object and asset.live_object(asset.params, material)
+        for obj in [live] if live else _part_objects(bpy, asset, material):
             obj.parent = root
             collection.objects.link(obj)
+        if live:
+            _place(bpy, live, asset)
         try:
             bpy.ops.wm.save_as_mainfile(filepath=str(path), check_existing=False, compress=True)
         except RuntimeError as error:  # Blender's operators know no other kind
@@ -148,6 +154,28 @@ def with_normals(part: Part) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     faces = tuple(tuple(f) for f in np.split(number.ravel(), ends[:-1]))
     triangles = Part(part.name, part.vertices, faces).triangles()
     return part.vertices[vertex[first]], summed[first], triangles
+
+
+def _part_objects(bpy: Any, asset: Asset, material: Any) -> list[Any]:
+    """One object a part, its mesh in the frame of the files."""
+    objects = []
+    for part in asset.shape.parts:
+        objects.append(bpy.data.objects.new(part.name, _mesh(bpy, part.moved(asset.mesh_from_canonical))))
+        objects[-1].data.materials.append(material)
+    return objects
+
+
+def _place(bpy: Any, obj: Any, asset: Asset) -> None:
+    """Scale and move a live object, whose units are the model's own, to where the shape stands in the file."""
+    bpy.context.view_layer.update()
+    mesh = obj.evaluated_get(bpy.context.view_layer.depsgraph).data
+    points = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", points)
+    low, high = points.reshape(-1, 3).min(0).astype(float), points.reshape(-1, 3).max(0).astype(float)
+    corners = asset.shape.bounds() @ asset.mesh_from_canonical[:3, :3].T + asset.mesh_from_canonical[:3, 3]
+    scale = (corners[1] - corners[0]).max() / (high - low).max()
+    obj.scale = [scale] * 3
+    obj.location = corners.mean(0) - scale * (low + high) / 2
 
 
 def _mesh(bpy: Any, part: Part) -> Any:

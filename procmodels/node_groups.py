@@ -1,10 +1,11 @@
-"""Small node groups that furniture graphs are put together from: a soft box, a row of copies, a lean."""
+"""Small node groups that furniture graphs are put together from: a soft box, a row of copies, a lean, a finish."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+from procmodels.export import SMOOTH_DEGREES
 from procmodels.nodes import Graph
 
 
@@ -68,3 +69,15 @@ def lean_group() -> Any:
     _, _, z = g.add("GeometryNodeInputPosition").parts
     offset = (0, (z - level) * tilt.math("TANGENT"), 0)
     return g.finish(g.add("GeometryNodeSetPosition", Geometry=piece, Offset=offset))
+
+
+def finish_group() -> Any:
+    """A material, and shading that is smooth but for the edges that the other files keep sharp too."""
+    g = Graph("Finish")
+    piece = g.geometry("piece")
+    material = g.material("material", "of all faces")
+    angle = g.add("GeometryNodeInputMeshEdgeAngle")
+    sharp = angle.math("GREATER_THAN", math.radians(SMOOTH_DEGREES))
+    smooth = g.add("GeometryNodeSetShadeSmooth", {"domain": "EDGE"}, Mesh=piece, Selection=sharp, Shade_Smooth=False)
+    smooth = g.add("GeometryNodeSetShadeSmooth", {"domain": "FACE"}, Mesh=smooth, Shade_Smooth=True)
+    return g.finish(g.add("GeometryNodeSetMaterial", Geometry=smooth, Material=material))

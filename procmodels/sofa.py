@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from procmodels.blender import require
-from procmodels.node_groups import lean_group, row_group, soft_box_group
+from procmodels.node_groups import finish_group, lean_group, row_group, soft_box_group
 from procmodels.nodes import Graph, Value, parts_of
 from procmodels.shape import Part
 from procmodels.space import Integer, Params, ParamSpace, Scalar
@@ -90,12 +90,12 @@ def build(params: Params) -> list[Part]:
     return parts_of(obj.evaluated_get(view.depsgraph).data, NAMES)
 
 
-def live_object(params: Params) -> Any:
-    """A new Blender object "sofa", not yet in a collection, whose node modifier builds the sofa from its 19 inputs."""
+def live_object(params: Params, material: Any = None) -> Any:
+    """A new Blender object, not yet in a collection, whose node modifier builds the sofa, in metres, from 19 inputs."""
     bpy = require("bpy")
-    obj = bpy.data.objects.new(SPACE.name, bpy.data.meshes.new(SPACE.name))
+    obj = bpy.data.objects.new(GROUP, bpy.data.meshes.new(GROUP))
     modifier = obj.modifiers.new(GROUP, "NODES")
-    modifier.node_group = node_group()
+    modifier.node_group = node_group(material)
     _set_inputs(obj, params)
     return obj
 
@@ -123,7 +123,7 @@ def _set_inputs(obj: Any, params: Params) -> None:
 # The graph.
 
 
-def node_group() -> Any:
+def node_group(material: Any = None) -> Any:
     """The sofa's node group, new in Blender's current file: 19 inputs, each with its range and meaning."""
     g = Graph(GROUP)
     inputs = {p.name: _slider(g, p) for p in SPACE.parameters}
@@ -132,7 +132,7 @@ def node_group() -> Any:
         inputs[name] = g.number(name, value, low, high, about, subtype)
     sofa = _Sofa(g, inputs)
     everything = g.join(*sofa.frame(), *sofa.legs(), sofa.seats(), *sofa.leaning())
-    return g.finish(everything)
+    return g.finish(g.call(finish_group(), piece=everything, material=material))
 
 
 def _slider(g: Graph, p: Any) -> Value:

@@ -157,7 +157,7 @@ def asset_of(result: Result, model: Model) -> Asset:
     shape: Shape = model.build(result.params)
     height = float(np.ptp(shape.bounds(), axis=0)[2])
     metres = None if result.height_m is None else result.height_m / height
-    return Asset(shape, model.space, result.params, metres, result.canonical.world_from_canonical)
+    return Asset(shape, model.space, result.params, metres, result.canonical.world_from_canonical, model.live_object)
 
 
 def _write_meshes(folder: Path, asset: Asset, options: OutputsOptions) -> None:
