@@ -29,8 +29,9 @@ from torch import Tensor, nn
 from datasets.synthetic import read
 from nnproc.infer import WEIGHTS, load_network, save_network
 from nnproc.losses import LossWeights, kl_divergence, similarity_loss
+from nnproc.muon import Muon
 from nnproc.network import NNProc, occupancy_loss
-from nnproc.train import CellStore, TrainOptions, learning_rate, mixed_batch, score
+from nnproc.train import CellStore, TrainOptions, learning_rate, mixed_batch, optimiser_state, score
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.finish")
@@ -40,12 +41,12 @@ HALVES = {"decode": ("shape_decoder",), "encode": ("shape_encoder", "param_decod
 
 @dataclass(frozen=True)
 class FinishOptions:
-    """How the halves go on; the defaults made the shipped weights."""
+    """How the halves go on; each card says what made its weights."""
 
-    decode_steps: int = 1200
-    encode_steps: int = 3600
-    batch: int = 32
-    decode_rate: float = 5e-4  # peak of the one-cycle schedule
+    decode_steps: int = 4000
+    encode_steps: int = 5000
+    batch: int = 16
+    decode_rate: float = 1e-3  # peak of the one-cycle schedule
     encode_rate: float = 1e-3
     on_grid_share: float = 0.5
     save_every: int = 300
@@ -96,7 +97,7 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
         on_grid_share=options.on_grid_share,
         seed=options.seed,
     )
-    optimiser = torch.optim.AdamW(trained.values(), weight_decay=schedule.weight_decay, fused=True)
+    optimiser = Muon(trained.values())
     path = work / f"{half}.safetensors"
     step, spent = _resume(path, trained, optimiser, asdict(options))
     started = time.process_time()
@@ -146,14 +147,10 @@ def _resume(
         metadata = file.metadata()
         if json.loads(metadata["options"]) != options:
             raise ValueError(f"{path} belongs to a run with other options; remove it or use another --work folder")
+        tensors = {k: file.get_tensor(k) for k in file.keys()}  # noqa: SIM118 (not a dict)
         for name, parameter in trained.items():
-            parameter.data.copy_(file.get_tensor(f"net.{name}"))
-            optimiser.state[parameter] = {
-                k: file.get_tensor(f"opt.{k}.{name}")
-                if k == "step"
-                else torch.empty_like(parameter).copy_(file.get_tensor(f"opt.{k}.{name}"))
-                for k in ("step", "exp_avg", "exp_avg_sq")
-            }
+            parameter.data.copy_(tensors[f"net.{name}"])
+            optimiser.state[parameter] = optimiser_state(tensors, name, parameter)
     return int(metadata["step"]), float(metadata["seconds"])
 
 

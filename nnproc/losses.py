@@ -30,6 +30,15 @@ class LossWeights:
 
 PAPER = LossWeights(param=1.0, latent=1.0, decode_from_params=0.0)
 
+# The paper's ablations (section 4.4) and its network of SE + PD alone. Without KL the latent has no noise.
+VARIANTS = {
+    "full": LossWeights(),
+    "without_kl": LossWeights(kl=0.0),
+    "without_sim": LossWeights(sim=0.0),
+    "without_both": LossWeights(kl=0.0, sim=0.0),
+    "simple": LossWeights(shape=0.0, kl=0.0, sim=0.0, latent=0.0),
+}
+
 
 def kl_divergence(mean: Tensor, logvar: Tensor) -> Tensor:
     """(B,) divergence of N(mean, exp(logvar)) from the standard normal, summed over the latent."""
@@ -52,8 +61,13 @@ def losses(
 ) -> dict[str, Tensor]:
     """The weighted total and each unweighted term for a batch of cells (B, 64, 16, 16, 16) and vectors (B, width)."""
     mean, logvar = network.encode_cells(cells)
-    noise = torch.randn(mean.shape, generator=generator).to(mean.device)
-    z_shape = mean + noise * (0.5 * logvar).exp()
+    z_shape = mean
+    if weights.kl:
+        noise = torch.randn(mean.shape, generator=generator).to(mean.device)
+        z_shape = mean + noise * (0.5 * logvar).exp()
+    if not weights.shape:  # SE and PD alone: nothing else has a task
+        only = network.codec.loss(network.score_params(z_shape), vectors).mean()
+        return {"total": weights.param * only, "param": only}
     z_params = network.encode_params(vectors)
 
     from_params = round(len(cells) * weights.decode_from_params)

@@ -1,35 +1,100 @@
-"""python -m recon.evaluate chair [--quick] [--json FILE]: print a table of what was promised and what is measured."""
+"""python -m recon.evaluate TABLE: measure what the README promises; each table is a command of its own."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import sys
 from pathlib import Path
 
-from recon.evaluate import chair
+from nnproc.infer import WeightsError
+from procmodels import ModelError, names
+from recon.evaluate import chair, table1
 from recon.evaluate.rows import print_table, write_json
 from recon.scene import ReconError
+
+WORK = Path(".cache/evaluate")
 
 
 def main(argv: list[str] | None = None) -> int:
     """The command line; exit code 1 when a bound does not hold."""
     parser = argparse.ArgumentParser(prog="python -m recon.evaluate", description=__doc__)
-    parser.add_argument("table", choices=("chair",), help="which measurements to run")
-    parser.add_argument("--quick", action="store_true", help="a few minutes: no rendering of photo sets")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
-    parser.add_argument("--work", type=Path, default=Path(".cache/evaluate"), help="rendered photo sets and results")
+    tables = parser.add_subparsers(dest="table", required=True)
+    _chair_flags(tables.add_parser("chair", help="photo sets of chairs: what was promised and what is measured"))
+    _table1_flags(tables.add_parser("table1", help="the paper's Table 1: tasks, baselines, ablations"))
+    for command in tables.choices.values():
+        command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+        command.add_argument("--work", type=Path, default=WORK, help="intermediate results, kept between runs")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     try:
-        rows = chair.run(args.work, args.quick)
+        return args.run(args)
     except ReconError as error:
         sys.stderr.write(f"error: {error}\n")
         return error.exit_code
+    except (ModelError, WeightsError, ValueError) as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+
+
+def _chair_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="a few minutes: no rendering of photo sets")
+    parser.set_defaults(run=_chair)
+
+
+def _chair(args: argparse.Namespace) -> int:
+    rows = chair.run(args.work, args.quick)
     print_table(rows, sys.stdout)
     if args.json:
         write_json(rows, args.json)
     return 0 if all(r.holds for r in rows) else 1
+
+
+def _table1_flags(parser: argparse.ArgumentParser) -> None:
+    options = table1.Table1Options()
+    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; all")
+    parser.add_argument("--shapes", type=int, default=options.shapes, help="held-out shapes of each kind (at most 300)")
+    parser.add_argument("--method", action="append", choices=table1.ALL_METHODS, help="may be repeated; spread, ours")
+    parser.add_argument("--task", action="append", choices=table1.TASKS, help="may be repeated; all")
+    parser.add_argument("--grid", action="append", choices=table1.GRIDS, help="on- or off-grid shapes; both")
+    parser.add_argument("--variant-steps", type=int, default=options.variant_steps, help="training steps of ablations")
+    parser.add_argument("--data", type=Path, default=options.data, help="generated pairs, for training the ablations")
+    parser.set_defaults(run=_table1)
+
+
+def _table1(args: argparse.Namespace) -> int:
+    defaults = table1.Table1Options()
+    if not 2 <= args.shapes <= 300:
+        raise ValueError(f"--shapes {args.shapes}: 2 to 300 shapes are held out of each class")
+    options = table1.Table1Options(
+        shapes=args.shapes,
+        methods=tuple(args.method or defaults.methods),
+        tasks=tuple(args.task or defaults.tasks),
+        grids=tuple(args.grid or defaults.grids),
+        variant_steps=args.variant_steps,
+        data=args.data,
+        work=args.work,
+    )
+    rows = []
+    for row in table1.run(args.classes or names(), options):
+        rows.append(row)
+        if args.json:
+            _add_rows(args.json, [row])
+    table1.print_rows(rows, sys.stdout)
+    return 0
+
+
+def _add_rows(path: Path, rows: list[table1.Table1Row]) -> None:
+    """Add rows to a JSON list, each in place of an earlier one of the same name; written whole or not at all."""
+    kept = json.loads(path.read_text()) if path.is_file() else []
+    key = ("class", "grid", "task", "method")
+    new = {tuple(r[k] for k in key): r for r in (row.as_json() for row in rows)}
+    merged = [new.pop(tuple(r[k] for k in key), r) for r in kept] + list(new.values())
+    partial = path.with_suffix(path.suffix + ".partial")
+    partial.parent.mkdir(parents=True, exist_ok=True)
+    partial.write_text(json.dumps(merged, indent=1) + "\n")
+    partial.replace(path)
 
 
 if __name__ == "__main__":
