@@ -1,0 +1,254 @@
+"""A bank of exact silhouettes of one class, seen from all around, and which of them look like a given mask.
+
+Silhouettes are cut to their bounding box and resized, so that where the object stands in the image, how far away it is
+and the focal length drop out; the box's proportions are compared beside the pixels. What remains of the camera is the
+direction it looks from and the distance in object sizes, which sets the perspective.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from nnproc.rays import look_at_cameras
+from procmodels import Model
+from procmodels.space import Params
+from recon.raster import silhouettes
+from recon.store import code_version, digest
+
+_BITS = np.array([bin(i).count("1") for i in range(1 << 16)], np.uint8)
+
+
+@dataclass(frozen=True)
+class BankOptions:
+    """What the bank holds."""
+
+    shapes: int = 160  # parameter sets
+    azimuth_step: float = 15.0  # degrees
+    elevations: tuple[float, ...] = (3.0, 16.0, 28.0, 42.0)  # degrees; each shape varies them by up to `jitter`
+    jitter: float = 6.0  # degrees
+    distances: tuple[float, ...] = (1.6, 2.4, 4.5)  # object sizes, one a shape in turn
+    render: int = 72  # px, side of the pictures that are drawn
+    side: int = 48  # px, side of a silhouette cut to its box
+    rolls: tuple[float, ...] = (-20.0, -10.0, 0.0, 10.0, 20.0)  # degrees, tried of the given mask
+    cut_off: tuple[float, ...] = (0.15, 0.4)  # how much may be missing where a mask is cut by the photo's edge
+    roll_cost: float = 0.01  # IoU that a roll of 10 degrees must win
+
+
+@dataclass(frozen=True)
+class Bank:
+    """N views.
+
+    params    the shapes' parameters
+    bits      (N, side * side / 8) uint8, silhouettes cut to their boxes
+    box       (N, 4) float, left, top, width, height of those boxes on the plane z = 1 of the camera frame
+    shape     (N,) int, index into params
+    azimuth, elevation  (N,) float, degrees (nnproc.rays.look_at_cameras); distance (N,) in canonical units
+    """
+
+    params: tuple[Params, ...]
+    bits: np.ndarray
+    box: np.ndarray
+    shape: np.ndarray
+    azimuth: np.ndarray
+    elevation: np.ndarray
+    distance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A view of the bank that looks like the mask: entry, IoU of the normalised silhouettes, the mask's roll (degrees,
+    clockwise in the image) and its box (left, top, width, height) in pixels of the rolled mask about `middle`."""
+
+    entry: int
+    score: float
+    roll: float
+    box: tuple[float, float, float, float]
+
+
+def load_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0, cache: Path | None = None) -> Bank:
+    """The class's bank, from the cache (default: nnproc-recon in the user's cache folder) or made now, in seconds."""
+    folder = cache or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "nnproc-recon"
+    key = digest(model.space.hash, options, seed, code_version(), 1)
+    path = folder / f"views-{Path(model.name).name}-{key}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as z:
+            params = tuple(model.space.validate(p) for p in json.loads(str(z["params"])))
+            return Bank(params, *(z[n] for n in ("bits", "box", "shape", "azimuth", "elevation", "distance")))
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        pass  # absent or damaged: making it anew is right
+    bank = make_bank(model, options, seed)
+    with contextlib.suppress(OSError):  # a cache that cannot be written costs time, not the result
+        _save(bank, path)
+    return bank
+
+
+def _save(bank: Bank, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    names = ("bits", "box", "shape", "azimuth", "elevation", "distance")
+    with partial.open("wb") as file:
+        np.savez(file, params=np.array(json.dumps(bank.params)), **{n: getattr(bank, n) for n in names})  # type: ignore[arg-type]
+    partial.replace(path)
+
+
+def make_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0) -> Bank:
+    """Draw the bank: every shape in a ring of azimuths at each elevation."""
+    rng = np.random.default_rng(seed)
+    azimuths = np.arange(0, 360, options.azimuth_step)
+    params, rows = [], []
+    for i in range(options.shapes):
+        p = _plain(_spread_sample(model, i, options.shapes, rng))
+        shape = model.build(p)
+        params.append(p)
+        distance = options.distances[i % len(options.distances)]
+        mirrored = _mirrored(shape.vertices())
+        ring = azimuths[azimuths <= 180] if mirrored else azimuths
+        tilt = np.array(options.elevations) + rng.uniform(-options.jitter, options.jitter, len(options.elevations))
+        azimuth, elevation = (a.ravel() for a in np.meshgrid(ring, tilt))
+        fov = np.degrees(2 * np.arctan(0.85 / (distance - 0.35)))
+        K, poses = (
+            t.numpy() for t in look_at_cameras(azimuth.tolist(), elevation.tolist(), distance, fov, options.render)
+        )
+        drawn = silhouettes(shape, K, poses, np.full((len(K), 2), options.render))
+        for mask, k, az, el in zip(drawn, K, azimuth, elevation, strict=True):
+            rows += _entries(mask, k, options.side, mirrored and 0 < az < 180, (i, az, el, distance))
+    bits, boxes, facts = (np.array(c) for c in zip(*rows, strict=True))
+    return Bank(tuple(params), bits, boxes, facts[:, 0].astype(int), facts[:, 1], facts[:, 2], facts[:, 3])
+
+
+def _plain(params: Params) -> Params:
+    """Without numpy's scalars, which JSON does not know."""
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in params.items()}
+
+
+def _spread_sample(model: Model, index: int, count: int, rng: np.random.Generator) -> Params:
+    """A random parameter set; discrete values are taken in turn, so that a small bank holds each combination."""
+    params = model.space.sample(rng)
+    total = int(np.prod([p.grid_steps for p in model.space.discrete], dtype=float))
+    if total <= count:
+        for p in model.space.discrete:
+            index, digit = divmod(index, p.grid_steps)
+            params[p.name] = p.grid_value(digit)
+    return params
+
+
+def _mirrored(vertices: np.ndarray) -> bool:
+    """Whether the left half is the right half's mirror image."""
+    flipped = np.round(vertices * (-1, 1, 1), 4) + 0.0
+    here = np.round(vertices, 4) + 0.0
+    return bool(np.allclose(here[np.lexsort(here.T)], flipped[np.lexsort(flipped.T)], atol=1e-3))
+
+
+def _entries(
+    mask: np.ndarray, K: np.ndarray, side: int, mirror: bool, facts: tuple[float, ...]
+) -> list[tuple[np.ndarray, np.ndarray, tuple[float, ...]]]:
+    """(bits, box, facts) of a drawn mask, and of its mirror image, which shows the shape from the other side."""
+    found = mask_box(mask)
+    if found is None:
+        return []
+    x, y, w, h = found
+    cut = cut_to(mask, found, side)
+    box = np.array([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1], w / K[0, 0], h / K[1, 1]])
+    out = [(np.packbits(cut), box, facts)]
+    if mirror:
+        i, azimuth, elevation, distance = facts
+        other = np.array([-box[0] - box[2], *box[1:]])
+        out.append((np.packbits(cut[:, ::-1]), other, (i, 360 - azimuth, elevation, distance)))
+    return out
+
+
+def mask_box(mask: np.ndarray) -> tuple[float, float, float, float] | None:
+    """Left, top, width, height of the object in a mask (H, W) bool; None when it is empty."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if not len(rows):
+        return None
+    return float(columns[0]), float(rows[0]), float(np.ptp(columns) + 1), float(np.ptp(rows) + 1)
+
+
+def cut_to(mask: np.ndarray, box: tuple[float, float, float, float], side: int) -> np.ndarray:
+    """(side, side) bool: the part of a mask in a box, which may reach beyond the mask, stretched to a square."""
+    x, y, w, h = box
+    scale_x, scale_y = side / w, side / h
+    image = mask.astype(np.float32)
+    # Blurred to the target's pixel size first: a plain warp would skip thin legs.
+    image = cv2.blur(image, (max(1, round(1 / scale_x)), max(1, round(1 / scale_y))))
+    matrix = np.array([[scale_x, 0, -x * scale_x], [0, scale_y, -y * scale_y]])
+    matrix[:, 2] += 0.5 * (matrix[(0, 1), (0, 1)] - 1)
+    return cv2.warpAffine(image, matrix, (side, side), flags=cv2.INTER_LINEAR) > 0.4
+
+
+def rolled(mask: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
+    """The mask turned back by a clockwise roll about its middle (uncut), and the (2, 3) matrix rolled_from_image."""
+    height, width = mask.shape
+    side = int(np.ceil(np.hypot(height, width)))
+    matrix = cv2.getRotationMatrix2D((width / 2 - 0.5, height / 2 - 0.5), degrees, 1.0)
+    matrix[:, 2] += ((side - width) / 2, (side - height) / 2)
+    turned = cv2.warpAffine(mask.astype(np.uint8), matrix, (side, side), flags=cv2.INTER_NEAREST)
+    return turned > 0, matrix
+
+
+def search(bank: Bank, mask: np.ndarray, inside: np.ndarray, options: BankOptions, keep: np.ndarray) -> list[Hit]:
+    """The best hit of each view of the bank that `keep` (N,) bool allows, best first.
+
+    mask    (H, W) bool, with a free border round the object
+    inside  (H, W) bool, where the photo is: an object that reaches its edge may be cut off there
+    """
+    best: dict[int, Hit] = {}
+    index = np.flatnonzero(keep)
+    for roll in options.rolls:
+        turned, _ = rolled(mask, roll)
+        seen, _ = rolled(inside, roll)
+        for box in _boxes(turned, mask, inside, options):
+            scores = _scores(bank, index, cut_to(turned, box, options.side), cut_to(seen, box, options.side))
+            ratio = np.log(bank.box[index, 2] / bank.box[index, 3]) - np.log(box[2] / box[3])
+            scores = scores * np.exp(-np.abs(ratio)) - options.roll_cost * (roll / 10) ** 2
+            for i in np.argsort(-scores)[:400]:
+                hit = Hit(int(index[i]), float(scores[i]), roll, box)
+                if hit.entry not in best or best[hit.entry].score < hit.score:
+                    best[hit.entry] = hit
+    return sorted(best.values(), key=lambda h: (-h.score, h.entry))
+
+
+def _boxes(
+    turned: np.ndarray, mask: np.ndarray, inside: np.ndarray, options: BankOptions
+) -> list[tuple[float, float, float, float]]:
+    """The rolled mask's box, and larger ones where the photo's edge cuts the object off."""
+    box = mask_box(turned)
+    if box is None:
+        return []
+    x, y, w, h = box
+    touches = touching(mask, inside)
+    out = [box]
+    for share in options.cut_off if any(touches) else ():
+        left, top, right, bottom = (share * t for t in touches)
+        out.append((x - left * w, y - top * h, w * (1 + left + right), h * (1 + top + bottom)))
+    return out
+
+
+def touching(mask: np.ndarray, inside: np.ndarray) -> tuple[bool, bool, bool, bool]:
+    """Whether the object reaches the photo's left, top, right, bottom edge over more than a point."""
+    found, frame = mask_box(mask), mask_box(inside)
+    if found is None or frame is None:
+        return False, False, False, False
+    x, y, w, h = (int(v) for v in frame)
+    edges = (mask[:, x], mask[y], mask[:, x + w - 1], mask[y + h - 1])
+    sides = (found[3], found[2], found[3], found[2])
+    left, top, right, bottom = (bool(e.sum() > 0.02 * s + 1) for e, s in zip(edges, sides, strict=True))
+    return left, top, right, bottom
+
+
+def _scores(bank: Bank, index: np.ndarray, target: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """(len(index),) IoU of bank silhouettes with a target (side, side), where it is valid."""
+    target_bits, valid_bits = (np.packbits(a)[None].view(np.uint16) for a in (target & valid, valid))
+    bits = bank.bits[index].view(np.uint16) & valid_bits
+    both = _BITS[bits & target_bits].sum(1, dtype=np.int32)
+    either = _BITS[bits | target_bits].sum(1, dtype=np.int32)
+    return both / np.maximum(either, 1)
