@@ -17,9 +17,12 @@ from pathlib import Path
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
+    from procmodels import names
+
     p = argparse.ArgumentParser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
     p.add_argument("photos", type=Path, help="folder of JPEG, PNG or HEIC photos, 20 to 60 from all around")
-    p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help="chair, or a model's .py file")
+    classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file (default chair)"
+    p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
     p.add_argument("--masks", type=Path, help="folder of your own masks: same names as the photos, white = object")
     p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
@@ -32,14 +35,14 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    args = parser().parse_args(argv)
-    logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
-    for noisy in ("PIL", "trimesh", "matplotlib"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
     # Threads that spin while they wait starve the other core's work on small machines, and the linear systems here
     # are tiny. Both must be set before torch and numpy load.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    args = parser().parse_args(argv)
+    logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
+    for noisy in ("PIL", "trimesh", "matplotlib"):
+        logging.getLogger(noisy).setLevel(logging.WARNING)
     from recon.pipeline import ReconOptions, run
     from recon.scene import ReconError
 
@@ -66,9 +69,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def summary(report: Path) -> str:
     """The few lines that end a run."""
+    from recon.result import tried
+
     r = json.loads(report.read_text())
     values = ", ".join(f"{k} {v if isinstance(v, str) else round(v, 3)}" for k, v in r["params"].items())
+    classes = tuple((c["class"], c["iou"]) for c in r.get("classes", []))
     lines = [
+        *([tried(classes)] if classes else []),
         f"{r['class']}: {values}",
         f"outlines agree by {r['mean_iou']:.3f} (mean IoU), {r['registered']['n']} of {r['registered']['of']} photos "
         f"registered, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",

@@ -99,6 +99,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
     seconds = {**result.seconds, "outputs": round(outputs_seconds, 2)}
     return {
         "class": result.class_name,
+        "classes": [{"class": name, "iou": round(score, 4)} for name, score in result.classes],
         "params": _plain(result.params),
         "mean_iou": round(float(result.view_iou[used].mean()), 4) if used.any() else None,
         "confidence": round(result.confidence, 4),

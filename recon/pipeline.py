@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from nnproc.infer import WeightsError, load_network
 from procmodels import Model, ModelError, load
 from procmodels.blender import BlenderMissing, require
-from recon import align, fit, frames, hull, judge, outputs, poses, refine, scene, silhouettes
+from recon import align, auto_class, fit, frames, hull, judge, outputs, poses, refine, scene, silhouettes
 from recon.outputs import OutputPaths
 from recon.result import Result
 from recon.scene import InputError
@@ -29,7 +29,7 @@ T = TypeVar("T")
 class ReconOptions:
     """What the user asked for, and the options of every stage."""
 
-    class_name: str = "chair"  # a model of procmodels, or the path of a model's .py file
+    class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
     masks: Path | None = None  # folder of the user's own masks
     height: float | None = None  # real height of the object in metres
     seed: int = 0
@@ -42,6 +42,7 @@ class ReconOptions:
     hull: hull.HullOptions = field(default_factory=hull.HullOptions)
     fit: fit.FitOptions = field(default_factory=fit.FitOptions)
     refine: refine.RefineOptions = field(default_factory=refine.RefineOptions)
+    auto: auto_class.AutoOptions = field(default_factory=auto_class.AutoOptions)
     outputs: outputs.OutputsOptions = field(default_factory=outputs.OutputsOptions)
 
 
@@ -51,10 +52,10 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     Raises InputError (the user's input or options) or ReconstructionError (no result possible); whatever was finished
     before stays in `out/.recon` and is used by the next run.
     """
-    model = _checked(photos, out, options)
+    models = _checked(photos, out, options)
     options = _seeded(options)
     work = out / ".recon"
-    stages = _Stages(work, options, [folder_digest(photos), model.space.hash, code_version()])
+    stages = _Stages(work, options, [folder_digest(photos), code_version()])
 
     shots = stages.run("frames", options.frames, lambda: frames.run(photos, work, options.frames))
     placed = stages.run("poses", options.poses, lambda: poses.run(shots, work, options.poses))
@@ -65,10 +66,8 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     )
     place = stages.run("align", options.align, lambda: align.run(placed, masks, options.align))
     solid = stages.run("hull", options.hull, lambda: hull.run(placed, masks, place, options.hull))
-    found = stages.run("fit", options.fit, lambda: fit.run(model, placed, masks, place, solid, options.fit))
-    refined = stages.run(
-        "refine", options.refine, lambda: refine.run(model, placed, masks, place, found, options.refine)
-    )
+    chosen = _chosen(stages, models, (placed, masks, place), solid, options)
+    model, refined = chosen.model, chosen.refined
     verdict = judge.run(model, placed, masks, refined, len(shots.names))
     result = Result(
         class_name=model.name,
@@ -82,13 +81,31 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
         explanation=verdict.explanation,
         alternatives=refined.alternatives,
         seconds=stages.seconds,
-        warnings=(*placed.warnings, *verdict.warnings),
+        warnings=(*placed.warnings, *chosen.warnings, *verdict.warnings),
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
+        classes=chosen.classes,
     )
     log.info("[8/8] outputs")
     return outputs.run(result, out, options.outputs, model)
+
+
+def _chosen(
+    stages: _Stages,
+    models: list[Model],
+    seen: tuple[scene.Poses, scene.Silhouettes, scene.Canonical],
+    solid: hull.Hull,
+    options: ReconOptions,
+) -> auto_class.Chosen:
+    """The stages "fit" and "refine", for the class that was named or for all."""
+    if options.class_name == auto_class.AUTO:
+        return auto_class.run(stages.run, models, seen, solid, options.fit, options.refine, options.auto)
+    model = models[0]
+    key = [options.fit, auto_class.key(model)]
+    found = stages.run("fit", key, lambda: fit.run(model, *seen, solid, options.fit))
+    refined = stages.run("refine", options.refine, lambda: refine.run(model, *seen, found, options.refine))
+    return auto_class.Chosen(model, refined)
 
 
 def _seeded(options: ReconOptions) -> ReconOptions:
@@ -106,7 +123,7 @@ class _Stages:
     """Runs stages through the store; a stage's key covers its options and the keys of all stages before it."""
 
     def __init__(self, work: Path, options: ReconOptions, inputs: list[str]) -> None:
-        known = dataclasses_of(scene, hull, fit, refine)
+        known = dataclasses_of(scene, hull, fit, refine, auto_class)
         self.store, self.seconds = Store(work, known), {}  # type: tuple[Store, dict[str, float]]
         self.chain = digest(inputs, options.seed)
         if options.force or options.start:
@@ -128,8 +145,8 @@ class _Stages:
         return result
 
 
-def _checked(photos: Path, out: Path, options: ReconOptions) -> Model:
-    """Everything that can be found wrong before minutes are spent. Raises InputError."""
+def _checked(photos: Path, out: Path, options: ReconOptions) -> list[Model]:
+    """The models to try; everything else that can be found wrong before minutes are spent. Raises InputError."""
     if not photos.is_dir():
         raise InputError(f"{photos} is not a folder; give the folder that holds the photos")
     if options.masks is not None and not options.masks.is_dir():
@@ -139,8 +156,7 @@ def _checked(photos: Path, out: Path, options: ReconOptions) -> Model:
     if options.start is not None and options.start not in STAGES:
         raise InputError(f"there is no stage {options.start!r}; stages: {', '.join(STAGES)}")
     try:
-        model = load(options.class_name)
-        load_network(model.space)
+        models = _models(options.class_name)
         require("bpy")
     except (ModelError, WeightsError, BlenderMissing) as error:
         raise InputError(str(error)) from error
@@ -152,4 +168,13 @@ def _checked(photos: Path, out: Path, options: ReconOptions) -> Model:
         raise InputError(
             f"the output folder {out} cannot be written ({error.strerror}); choose another with --out"
         ) from error
-    return model
+    return models
+
+
+def _models(class_name: str) -> list[Model]:
+    """The model of that name, or every one that has weights."""
+    if class_name == auto_class.AUTO:
+        return auto_class.known_models()
+    model = load(class_name)
+    load_network(model.space)
+    return [model]

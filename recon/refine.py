@@ -86,6 +86,20 @@ def run(
     return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives)
 
 
+def quick_iou(
+    model: Model,
+    poses: Poses,
+    silhouettes: Silhouettes,
+    canonical: Canonical,
+    fitted: FitResult,
+    options: RefineOptions = RefineOptions(),
+) -> float:
+    """Mean IoU of the fit's best candidate after one coarse polish: cheap evidence for or against a model."""
+    search = _Search(model, object_crops(poses.cameras, silhouettes, canonical, options.size), options)
+    best = max((search.state(c.params, canonical, c.turn) for c in fitted.candidates), key=search.iou)
+    return search.iou(search.polish(best, blurs=options.blurs[:1], steps=3))
+
+
 class _Search:
     """The silhouettes to be met, and ways to move a state towards them."""
 

@@ -14,7 +14,7 @@ from procmodels.export import Asset
 from procmodels.space import Choice, Flag, Integer, Parameter, Scalar
 from recon.contact_sheet import MASK_COLOUR, RESULT_COLOUR, Tile, colour_of
 from recon.report_style import CSS
-from recon.result import Result
+from recon.result import Result, tried
 
 FILES = {
     "model.blend": "Blender: named parts, parameters as custom properties of the empty, Z up",
@@ -47,6 +47,8 @@ def words(result: Result, asset: Asset) -> Words:
     if used:
         score = float(result.view_iou[result.silhouettes.used].mean())
         text += f"{used} of {given} photos used; mean outline agreement {score:.2f}: {verdict(score)}."
+    if result.classes:
+        text += f" No class was named: {tried(result.classes)}."
     return Words(f"{_spaced(result.class_name).capitalize()} from {given} photos", text.strip())
 
 

@@ -21,6 +21,7 @@ class Result:
     seconds       per stage
     height_m      real height of the object in metres, None when it was not given
     versions      of the packages that made it
+    classes       (name, mean IoU) of every class tried, best first; empty when the class was named
     """
 
     class_name: str
@@ -38,6 +39,7 @@ class Result:
     seed: int
     height_m: float | None
     versions: dict[str, str]
+    classes: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.poses.cameras)
@@ -45,3 +47,9 @@ class Result:
             raise ValueError(f"view_iou must be ({n},), got {self.view_iou.shape}")
         if self.silhouettes.names != self.poses.cameras.names:
             raise ValueError("silhouettes and cameras must name the same views in the same order")
+
+
+def tried(classes: tuple[tuple[str, float], ...]) -> str:
+    """The classes in words, as in "tried 2 classes: chair 0.91, table 0.62"."""
+    noun = "class" if len(classes) == 1 else "classes"
+    return f"tried {len(classes)} {noun}: " + ", ".join(f"{name} {iou:.2f}" for name, iou in classes)
