@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from recon.intrinsics import held
 from recon.matching_plan import camera_groups, image_pairs
 from recon.scene import Frames
 
@@ -122,10 +123,13 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
     source = max((i for i, r in enumerate(LADDER[: number + 1]) if not r.reuse), default=number)
     if frames.sizes.max() < options.enlarge_below or count <= options.enlarge_up_to:
         rung = replace(rung, first_octave=-1)
+    given = held(frames, options.intrinsics, options.focal_mm)
+    if given is not None:
+        rung = replace(rung, keep_focal=True)
     order = {
         "images": [p.name for p in frames.paths],
         "image_dir": str(frames.paths[0].parent.resolve()),
-        "groups": camera_groups(frames),
+        "groups": camera_groups(frames, given),
         "pairs": image_pairs(
             count,
             "exhaustive" if rung.every_pair else options.matching,

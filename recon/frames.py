@@ -78,6 +78,7 @@ class _Kept:
     name: str
     path: Path
     size: tuple[int, int]
+    original: tuple[int, int]
     focal_px: float
     sharpness: float
     alpha: Path | None
@@ -134,6 +135,7 @@ def _kept(name: str, path: Path, photo: Photo, mask_path: Path) -> _Kept:
         name,
         path,
         photo.image.size,
+        photo.original,
         photo.focal_px,
         photo.sharpness(),
         mask_path if photo.mask is not None else None,
@@ -183,4 +185,5 @@ def _frames(photos: list[_Kept], skipped: list[tuple[str, str]]) -> Frames:
         sharpness=np.array([p.sharpness for p in photos], dtype=float),
         alpha=tuple(p.alpha for p in photos),
         skipped=tuple(skipped),
+        original=np.array([p.original for p in photos], dtype=int),
     )

@@ -7,17 +7,27 @@ from typing import Any
 
 import numpy as np
 
+from recon.intrinsics import camera_model
 from recon.scene import Frames
 
 KEY_PHOTOS = 30  # sequential matching also compares every pair of so many photos spread over the sequence
 
 
-def camera_groups(frames: Frames) -> list[dict[str, Any]]:
+def camera_groups(frames: Frames, held: np.ndarray | None = None) -> list[dict[str, Any]]:
     """Photos with one set of intrinsics: the same size, and the same EXIF focal length within 3 %.
 
-    Each group: "images", file names of the working copies, and "params", SIMPLE_RADIAL (f, cx, cy, k) in pixels when
-    EXIF gives f, else None. Photos without a focal length join the largest group of their size.
+    Each group: "images", file names of the working copies, "model", COLMAP's, and "params", SIMPLE_RADIAL (f, cx, cy,
+    k) in pixels when EXIF gives f, else None. Photos without a focal length join the largest group of their size.
+    held  (V, 4) float or None, fx, fy, cx, cy in pixels of the working copies that the user gave
     """
+    if held is not None:
+        alike: dict[tuple[float, ...], list[str]] = {}
+        for path, size, row in zip(frames.paths, frames.sizes.tolist(), held.round(3).tolist(), strict=True):
+            alike.setdefault((*size, *row), []).append(path.name)
+        models = [camera_model(np.array(key[2:])) for key in alike]
+        return [
+            {"images": names, "model": m, "params": p} for names, (m, p) in zip(alike.values(), models, strict=True)
+        ]
     buckets: dict[tuple[int, int, int | None], list[int]] = {}
     for i, (size, focal) in enumerate(zip(frames.sizes.tolist(), frames.focal_px, strict=True)):
         step = None if math.isnan(focal) else round(math.log(focal) / math.log(1.03))
@@ -30,7 +40,8 @@ def camera_groups(frames: Frames) -> list[dict[str, Any]]:
     for (width, height, step), members in buckets.items():
         focal = None if step is None else float(np.nanmedian(frames.focal_px[members]))
         params = None if focal is None else [focal, width / 2, height / 2, 0.0]
-        groups.append({"images": [frames.paths[i].name for i in sorted(members)], "params": params})
+        images = [frames.paths[i].name for i in sorted(members)]
+        groups.append({"images": images, "model": "SIMPLE_RADIAL", "params": params})
     return groups
 
 

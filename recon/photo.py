@@ -35,12 +35,13 @@ class UnreadablePhoto(Exception):
 class Photo:
     """An upright RGB image at working size, its mask (mode L, 0 or 255) from an alpha channel, and EXIF focal length.
 
-    focal_px is in pixels of `image`, NaN where EXIF does not tell.
+    focal_px is in pixels of `image`, NaN where EXIF does not tell; original (width, height) in pixels, upright.
     """
 
     image: Image.Image
     mask: Image.Image | None
     focal_px: float
+    original: tuple[int, int] = (0, 0)
 
     def sharpness(self) -> float:
         """Variance of the Laplacian of the grey image with its longest side at SHARPNESS_SIDE px."""
@@ -88,12 +89,15 @@ def read_photo(path: Path, longest_side: int) -> Photo | None:
 def _decode(path: Path, longest_side: int) -> Photo:
     with Image.open(path, formats=FORMATS) as opened:
         focal_in_diagonals = exif_focal(opened.getexif(), opened.size)
+        full = opened.size
         # JPEGs can be decoded at 1/2, 1/4, 1/8 size, which saves most of the time for large ones.
         opened.draft("RGB", (longest_side, longest_side))
         image: Image.Image = opened
         scale = longest_side / max(image.size)
         # HEIF turns itself while decoding, and its reader resets the EXIF orientation, so nothing turns twice.
         image = ImageOps.exif_transpose(_eight_bit(image))
+    if (image.width < image.height) != (full[0] < full[1]):
+        full = full[::-1]  # turned upright since
     if "A" in image.getbands() or "a" in image.getbands() or "transparency" in image.info:
         image = image.convert("RGBA")
     elif image.mode != "RGB":
@@ -102,7 +106,7 @@ def _decode(path: Path, longest_side: int) -> Photo:
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
         image = image.resize(size, Image.Resampling.LANCZOS, reducing_gap=3.0)
     rgb, mask = _without_alpha(image)
-    return Photo(rgb, mask, focal_in_diagonals * math.hypot(*rgb.size))
+    return Photo(rgb, mask, focal_in_diagonals * math.hypot(*rgb.size), full)
 
 
 def _eight_bit(image: Image.Image) -> Image.Image:

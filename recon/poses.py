@@ -11,7 +11,7 @@ import json
 import logging
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from recon import pose_diagnosis
 from recon.attempts import LADDER, Attempt, climb
+from recon.intrinsics import held
 from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError
 from recon.undistort import undistorted
 
@@ -42,6 +43,8 @@ class PosesOptions:
     min_fraction: float = 0.25  # of the photos; fewer placed is an error
     attempts: int = 5  # at most so many rungs of LADDER
     attempt_seconds: float = 1800.0  # an attempt that takes longer is given up
+    intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in px of the originals, held
+    focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm, held; instead of `intrinsics`
 
 
 def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -> Poses:
@@ -55,6 +58,8 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -
     total = len(frames.names)
     if total < 3:
         raise ReconstructionError(f"{total} photos are too few to place cameras; {pose_diagnosis.REMEDY}")
+    if (given := held(frames, options.intrinsics, options.focal_mm)) is not None:
+        frames = replace(frames, focal_px=given[:, 0])
     folder = workdir / "poses"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -136,7 +141,7 @@ def _extract(pycolmap: Any, database: Path, order: dict[str, Any]) -> None:
     pycolmap.Database.open(str(database)).close()
     for group in order["groups"]:
         reader = pycolmap.ImageReaderOptions()
-        reader.camera_model = "SIMPLE_RADIAL"
+        reader.camera_model = group["model"]
         if group["params"]:
             reader.camera_params = ",".join(str(p) for p in group["params"])  # also marks the focal length as known
         # Images are entered in order first: extraction threads would number them as they finish, differently each run.
@@ -215,8 +220,9 @@ def _arrays(models: list[Any], images: list[str]) -> dict[str, np.ndarray]:
     column = {placed[v].image_id: c for c, v in enumerate(view)}
     K, distortion, cam_from_world = np.zeros((len(view), 3, 3)), np.zeros(len(view)), np.zeros((len(view), 4, 4))
     for c, v in enumerate(view):
-        focal, cx, cy, distortion[c] = models[0].cameras[placed[v].camera_id].params
-        K[c] = [[focal, 0, cx], [0, focal, cy], [0, 0, 1]]
+        camera = models[0].cameras[placed[v].camera_id]
+        K[c] = camera.calibration_matrix()
+        distortion[c] = camera.params[3] if camera.model.name == "SIMPLE_RADIAL" else 0.0
         cam_from_world[c] = np.vstack([placed[v].cam_from_world().matrix(), [0, 0, 0, 1]])
     points = sorted(models[0].points3D.items()) if models else []
     tracks = np.zeros((len(points), len(view)), bool)

@@ -52,6 +52,7 @@ class Frames:
     sharpness  (V,) float, variance of the Laplacian: larger is sharper
     alpha      V paths of a mask taken from the photo's own alpha channel, or None
     skipped    (name, reason) of files that could not be used
+    original   (V, 2) int or None, (width, height) in pixels of the upright originals
     """
 
     names: tuple[str, ...]
@@ -61,12 +62,14 @@ class Frames:
     sharpness: np.ndarray
     alpha: tuple[Path | None, ...]
     skipped: tuple[tuple[str, str], ...] = ()
+    original: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.names)
         _check(len(set(self.names)) == n, "frame names are not unique")
         _check(self.sizes.shape == (n, 2), f"sizes must be ({n}, 2), got {self.sizes.shape}")
         _check(self.focal_px.shape == (n,), f"focal_px must be ({n},), got {self.focal_px.shape}")
+        _check(self.original is None or self.original.shape == (n, 2), f"original must be ({n}, 2)")
 
 
 @dataclass(frozen=True)

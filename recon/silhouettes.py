@@ -15,9 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon import carving, usermasks
+from recon import carving, standing, usermasks
 from recon.cutout import CutoutOptions, cut_out
-from recon.floor import FloorOptions, Room, find_room, look_point, up_direction
+from recon.floor import FloorOptions, Room, find_room
 from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError, Silhouettes
 from recon.undistort import undistorted_mask
 
@@ -76,7 +76,11 @@ def run(
         raise ReconstructionError("no photo shows the object clearly; give masks (--masks, white = object)")
     _write(cameras, masks, workdir / "masks")
     source = tuple("grabcut" if v in open_views else known.get(n, ("user",))[0] for v, n in enumerate(cameras.names))
-    return Silhouettes(cameras.names, tuple(masks), source, used, None if room is None else room.floor, tuple(reasons))
+    trusted = np.flatnonzero(used)
+    level = standing.floor(
+        None if room is None else room.floor, cameras.subset(trusted), [masks[v] for v in trusted], not open_views
+    )
+    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons))
 
 
 def _known(
@@ -176,13 +180,7 @@ def _block(cameras: Cameras, room: Room | None, longest: int) -> carving.Cells:
     """The region that the cameras look at; without a floor it is centred where they look."""
     if room is not None:
         return carving.region(room.axes, room.focus, room.distance, cameras, longest)
-    up, target = up_direction(cameras), look_point(cameras)
-    distance = float(np.median(np.linalg.norm(cameras.centres() - target, axis=1)))
-    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
-    first /= np.linalg.norm(first)
-    axes = np.array([first, np.cross(up, first), up])
-    half = carving.region(axes, target, distance, cameras, longest)
-    return carving.region(axes, target - up * half.side * half.shape[2] / 2, distance, cameras, longest)
+    return standing.block(cameras, longest)
 
 
 def _write(cameras: Cameras, masks: list[np.ndarray], folder: Path) -> None:

@@ -217,8 +217,11 @@ def test_user_masks_win_and_need_neither_floor_nor_points(scene: Scene, tmp_path
     frames = replace(scene.frames, alpha=(alpha,) * len(scene.truth))
     found = silhouettes.run(frames, bare, save_masks(scene, tmp_path / "m"), tmp_path, FAST)
     assert set(found.source) == {"user"}
-    assert found.floor is None
     assert found.used.all()
+    world_from_room = np.asarray(WORLD_FROM_ROOM)
+    floor = found.floor @ world_from_room  # in the room: z = 0, but for the room's scale
+    assert floor[2] / np.linalg.norm(floor[:3]) > np.cos(np.radians(1.5))
+    assert abs(floor[3] / floor[2]) < 0.02, "the floor is where the silhouettes stand"
     assert scene.scores(found.masks).min() == 1
 
 

@@ -1,0 +1,108 @@
+"""The photos that a camera file names: finding them, their shape and orientation, one folder with flat names."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+from PIL import ExifTags, Image
+
+from recon.camera_records import CameraRecords
+from recon.photo import ENDINGS, FORMATS
+
+# Clockwise quarter turns that bring an image as stored upright, by EXIF orientation (mirrored ones are not cameras').
+_TURNS = {1: 0, 6: 1, 3: 2, 8: 3}
+
+
+class Library:
+    """Finds the images that a camera file names."""
+
+    def __init__(self, photos: Path, source: Path) -> None:
+        base = source if source.is_dir() else source.parent
+        around = [photos if photos.is_dir() else photos.parent, base]
+        around += [base.parents[i] for i in range(min(3, len(base.parents)))] if source.is_dir() else []
+        self.roots = list(dict.fromkeys(r for a in around for r in (a, a / "images") if r.is_dir()))
+        own = photos if photos.is_dir() else base
+        files = [p for r in (own, own / "images") if r.is_dir() for p in sorted(r.iterdir()) if p.is_file()]
+        self.by_name = {p.name.lower(): p for p in reversed(files)}
+        self.by_stem = {p.stem.lower(): p for p in reversed(files) if p.suffix.lower() in ENDINGS}
+
+    def find(self, name: str) -> Path | None:
+        """By path, by path without ending (NeRF leaves it out), by name, then by name with another ending."""
+        relative = Path(name.lstrip("/")) if not Path(name).is_absolute() else Path(name)
+        for root in self.roots:
+            for ending in ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG"):
+                if (found := root / f"{relative}{ending}").is_file():
+                    return found
+        last = relative.name.lower()
+        return self.by_name.get(last) or self.by_stem.get(last) or self.by_stem.get(Path(last).stem)
+
+    def upright_size(self, name: str) -> tuple[int, int] | None:
+        """(width, height) as people see it."""
+        found = self.find(name)
+        seen = None if found is None else _size(found)
+        if seen is None:
+            return None
+        (width, height), turns = seen
+        return (height, width) if turns % 2 else (width, height)
+
+
+def _size(path: Path) -> tuple[tuple[int, int], int] | None:
+    """(width, height) as stored and clockwise quarter turns to upright; None for what is no photo or mirrored."""
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            turns = _TURNS.get(image.getexif().get(ExifTags.Base.Orientation, 1))
+            return None if turns is None else (image.size, turns)
+    except Exception:  # decoders fail in many ways on damaged files; the frames stage says why it is skipped
+        return None
+
+
+def upright(records: CameraRecords, i: int, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Size, K and cam_from_world for the upright photo; None when the photo does not have the camera's shape."""
+    seen = _size(path)
+    if seen is None:
+        return None
+    (width, height), turns = seen
+    size, K, pose = records.sizes[i], records.K[i], records.cam_from_world[i]
+    lying = (height, width) if turns % 2 else (width, height)
+    if _same_shape(size, lying) and turns != 2:
+        return size, K, pose
+    if not _same_shape(size, (width, height)):
+        return None
+    for _ in range(turns):  # a turn by 90 degrees clockwise: pixel (u, v) goes to (h - v, u)
+        quarter = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+        K = np.array([[K[1, 1], 0, size[1] - K[1, 2]], [0, K[0, 0], K[0, 2]], [0, 0, 1]])
+        pose, size = quarter @ pose, size[::-1]
+    return size, K, pose
+
+
+def _same_shape(a: np.ndarray, b: tuple[int, int]) -> bool:
+    """Whether two sizes have one aspect ratio, but for a pixel of rounding."""
+    return min(*a, *b) > 0 and bool(abs(a[0] * b[1] / (a[1] * b[0]) - 1) <= 0.01 + 1 / min(*a, *b))
+
+
+def flat_names(names: list[str], paths: list[Path | None]) -> tuple[str, ...]:
+    """Unique file names: the photo's own, or its whole path joined where two are equal."""
+    own = [str(p.name) for p in paths if p is not None]
+    if len(set(own)) == len(own):
+        return tuple(own)
+    ending = [p.suffix for p in paths if p is not None]
+    return tuple(
+        "_".join(p for p in Path(n).with_suffix("").parts if p not in (".", "..", "/")) + e
+        for n, e in zip(names, ending, strict=True)
+    )
+
+
+def link(paths: list[Path | None], names: tuple[str, ...], folder: Path) -> None:
+    """Symbolic links where the file system has them, copies elsewhere."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for path, name in zip(paths, names, strict=True):
+        if path is None:
+            continue
+        try:
+            os.symlink(path.resolve(), folder / name)
+        except OSError:
+            shutil.copyfile(path, folder / name)

@@ -1,0 +1,211 @@
+"""A video of the object: sharp, well-spread frames become a folder of photos."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from recon.scene import InputError
+from recon.store import digest
+
+log = logging.getLogger("recon.video")
+
+ENDINGS = {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mts"}
+LOOK_SIDE = 480  # px, longest side at which sharpness is measured: sensor noise is gone, motion blur is not
+THUMB = 24  # px, side of the square thumbnails that frames are compared by
+DONE = "frames.json"
+
+
+@dataclass(frozen=True)
+class VideoOptions:
+    """How frames are chosen."""
+
+    count: int = 40  # frames; the clip is cut in so many slots of equal length, each gives its sharpest
+    looks: int = 30  # frames of a slot that are looked at, at most; long clips take time
+    still: float = 5.0  # grey levels of 255: thumbnails nowhere further apart are one picture (the camera stood still)
+    blurred: float = 0.1  # of the median sharpness; frames below are not used
+    least: int = 3  # frames
+    least_cut: int = 12  # frames that a damaged video must give
+    quality: int = 95  # JPEG quality
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is remembered of the frames that were looked at: index (n,), sharpness (n,), thumbs (n, THUMB, THUMB)."""
+
+    index: np.ndarray
+    sharpness: np.ndarray
+    thumbs: np.ndarray
+    decoded: int  # frames that could be decoded
+    promised: int  # frames that the file says it has; 0 when it does not
+
+
+def is_video(path: Path) -> bool:
+    """Whether a file is a video by its beginning, or by its name."""
+    return path.is_file() and (path.suffix.lower() in ENDINGS or _container(path))
+
+
+def _container(path: Path) -> bool:
+    """Whether a file begins as MP4/MOV, AVI, MKV/WEBM or an MPEG transport stream does."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(400)
+    except OSError:
+        return False
+    boxes = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot")
+    mp4 = start[4:8] in boxes and not start[8:12].startswith((b"hei", b"mif1", b"msf1", b"avi", b"hev"))
+    stream = any(len(start) > p + 188 and start[p] == start[p + step] == 0x47 for p, step in ((0, 188), (4, 192)))
+    return mp4 or (start[:4] == b"RIFF" and start[8:12] == b"AVI ") or start[:4] == b"\x1aE\xdf\xa3" or stream
+
+
+def extract(path: Path, folder: Path, options: VideoOptions = VideoOptions()) -> tuple[str, ...]:
+    """Write the chosen frames of a video as JPEG into `folder` (made anew) and return warnings.
+
+    A folder that holds this video's frames already, chosen with the same options, is left as it is.
+    Raises InputError when the video cannot be decoded, or gives too few frames.
+    """
+    if not 3 <= options.count <= 1000:
+        raise InputError(f"--frames must be 3 to 1000, got {options.count}")
+    key = file_digest(path, options)
+    try:
+        done = json.loads((folder / DONE).read_text())
+        if done["key"] == key and all((folder / name).is_file() for name in done["names"]):
+            log.info("frames of %s: unchanged, skipped", path.name)
+            return tuple(done["warnings"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass  # whatever is wrong with them, making them anew is right
+    if not _container(path):
+        raise InputError(f"{path} is no video that can be read (MP4, MOV, AVI, MKV and WEBM are)")
+    look = _look(path, options)
+    chosen = choose(look, options)
+    warnings = _judged(path, look, chosen, options)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    names = _write(path, chosen, folder, options)
+    if len(names) < len(chosen):
+        raise InputError(f"{path} changed while it was read; run again")
+    (folder / DONE).write_text(json.dumps({"key": key, "names": names, "warnings": warnings}))
+    log.info("%d of %d frames of %s are used", len(names), look.decoded, path.name)
+    return tuple(warnings)
+
+
+def file_digest(path: Path, options: VideoOptions) -> str:
+    """A digest of the video's content and the options."""
+    try:
+        with path.open("rb") as file:
+            return digest(hashlib.file_digest(file, "sha256").hexdigest(), options)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+    """The decoder, which turns frames upright as the file says; its own chatter about damage is kept quiet."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    before = cv2.getLogLevel()
+    cv2.setLogLevel(0)
+    capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    try:
+        if not capture.isOpened():
+            raise InputError(
+                f"{path} cannot be decoded: it is cut off, damaged, or its codec is not known; record or export it "
+                "anew (MP4 with H.264 is safe)"
+            )
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+        yield capture
+    finally:
+        capture.release()
+        cv2.setLogLevel(before)
+
+
+def _look(path: Path, options: VideoOptions) -> Look:
+    """Sharpness and thumbnails of all frames, or of every n-th of a long clip."""
+    index, sharpness, thumbs, at = [], [], [], 0
+    with _opened(path) as capture:
+        promised = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        promised = promised if promised < 10**7 else 0
+        step = max(1, promised // (options.count * options.looks))
+        with tqdm(total=promised or None, desc="looking for sharp frames", unit="frame", disable=None) as bar:
+            while capture.grab():
+                if at % step == 0:
+                    ok, image = capture.retrieve()
+                    if ok and image is not None and image.size:
+                        sharp, thumb = _measure(image)
+                        index.append(at)
+                        sharpness.append(sharp)
+                        thumbs.append(thumb)
+                at += 1
+                bar.update()
+    shape = (-1, THUMB, THUMB)
+    return Look(np.array(index, int), np.array(sharpness), np.array(thumbs, np.uint8).reshape(shape), at, promised)
+
+
+def _measure(image: np.ndarray) -> tuple[float, np.ndarray]:
+    """Variance of the Laplacian at LOOK_SIDE px, and the thumbnail (THUMB, THUMB) uint8."""
+    scale = min(1.0, LOOK_SIDE / max(image.shape[:2]))
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+    thumb = cv2.resize(grey, (THUMB, THUMB), interpolation=cv2.INTER_AREA)
+    return float(cv2.Laplacian(grey, cv2.CV_64F).var()), thumb
+
+
+def choose(look: Look, options: VideoOptions) -> np.ndarray:
+    """(k,) indices of frames, ascending: the sharpest of each slot, without blurred ones and repetitions."""
+    if not len(look.index):
+        return np.zeros(0, int)
+    slot = look.index * options.count // (int(look.index[-1]) + 1)
+    best = [int(s[look.sharpness[s].argmax()]) for k in np.unique(slot) for s in [np.flatnonzero(slot == k)]]
+    limit = options.blurred * float(np.median(look.sharpness[best]))
+    kept: list[int] = []
+    for i in best:
+        thumb = look.thumbs[i].astype(int)
+        same = kept and np.abs(look.thumbs[kept[-1]].astype(int) - thumb).max() <= options.still
+        if same and look.sharpness[i] > look.sharpness[kept[-1]]:
+            kept[-1] = i
+        elif not same and look.sharpness[i] >= limit:
+            kept.append(i)
+    return look.index[kept]
+
+
+def _judged(path: Path, look: Look, chosen: np.ndarray, options: VideoOptions) -> list[str]:
+    """Warnings; raises InputError when there are too few frames."""
+    if not len(look.index):
+        raise InputError(f"no frame of {path} can be decoded: it is cut off, or has no key frame; export it anew")
+    cut = look.decoded < 0.95 * look.promised - 2
+    short = f"only {look.decoded} of the {look.promised} frames of {path.name} can be decoded, it is cut off or damaged"
+    if cut and len(chosen) < options.least_cut:
+        raise InputError(f"{short}; they give {len(chosen)} pictures, at least {options.least_cut} are needed")
+    if len(chosen) < options.least:
+        raise InputError(
+            f"{path} gives {len(chosen)} different pictures in {look.decoded} frames, at least {options.least} are "
+            "needed; film while you walk round the object"
+        )
+    return [short] if cut else []
+
+
+def _write(path: Path, chosen: np.ndarray, folder: Path, options: VideoOptions) -> list[str]:
+    """Decode again and write the chosen frames; names sort in the video's order."""
+    wanted, at = set(chosen.tolist()), 0
+    names: list[str] = []
+    with _opened(path) as capture, tqdm(total=len(wanted), desc="writing frames", disable=None) as bar:
+        while len(names) < len(wanted) and capture.grab():
+            if at in wanted:
+                ok, image = capture.retrieve()
+                if not ok:
+                    break
+                names.append(f"frame_{at:06d}.jpg")
+                cv2.imwrite(str(folder / names[-1]), image, [cv2.IMWRITE_JPEG_QUALITY, options.quality])
+                bar.update()
+            at += 1
+    return names
