@@ -43,12 +43,12 @@ HALVES = {"decode": ("shape_decoder",), "encode": ("shape_encoder", "param_decod
 class FinishOptions:
     """How the halves go on; each card says what made its weights."""
 
-    decode_steps: int = 4000
-    encode_steps: int = 5000
+    decode_steps: int = 2500
+    encode_steps: int = 3000
     batch: int = 16
     decode_rate: float = 1e-3  # peak of the one-cycle schedule
     encode_rate: float = 1e-3
-    on_grid_share: float = 0.5
+    on_grid_share: float = 0.6
     save_every: int = 300
     seed: int = 1
 

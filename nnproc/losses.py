@@ -15,11 +15,11 @@ from nnproc.network import NNProc, occupancy_loss
 class LossWeights:
     """Weights of the five terms; all 1 is the paper. 0 leaves a term out (ablations: kl, sim).
 
-    The voxel term is a sum over 262,144 elements and drowns the parameter terms; ours are balanced by hand.
+    The voxel term is a sum over 262,144 elements and drowns the parameter terms; ours are balanced by hand
     """
 
     shape: float = 1.0
-    param: float = 30.0
+    param: float = 300.0
     kl: float = 1.0
     sim: float = 1.0
     latent: float = 3.0

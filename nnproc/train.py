@@ -41,7 +41,7 @@ log = logging.getLogger("nnproc.train")
 class TrainOptions:
     """How to train; each card says what made its weights."""
 
-    steps: int = 4000
+    steps: int = 3500
     batch: int = 16  # at equal time 16 learns more than 32
     learning_rate: float = 2e-3  # peak of a one-cycle schedule, Muon (nnproc.muon)
     warmup: float = 0.05  # share of the steps spent rising to the peak

@@ -12,7 +12,7 @@ import trimesh
 from torch import Tensor
 from tqdm import tqdm
 
-from datasets.synthetic import SyntheticOptions, shape_params
+from datasets.synthetic import SyntheticOptions, read, shape_params
 from datasets.voxels import surface_grid
 from nnproc.rays import look_at_cameras, paper_cameras
 from nnproc.search import Bank, bank
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 SIZE = 128  # pixels, as in the paper
 STRIDE = 2  # our search looks at every second pixel along each axis
 SPREAD = ([20.0, 110.0, 200.0, 290.0], [15.0, 30.0, 15.0, 30.0], 2.6, 30.0)  # azimuth, elevation, distance, fov
-BANK = 3000  # training shapes of each kind, on and off the grid
+BANK = 2500  # training shapes of each kind, on and off the grid
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,14 @@ def masks(shape: Shape, kind: str) -> Tensor:
     return torch.from_numpy(np.stack(silhouettes(shape, K.numpy(), cam_from_canonical.numpy(), sizes))).float()
 
 
+def bank_path(model: Model, what: str, work: Path) -> Path:
+    """Where a bank of known_shapes is kept."""
+    return work / "banks" / f"{model.name}_{model.space.hash}_{what}.npz"
+
+
 def known_shapes(model: Model, what: str, rays: RayOperator | None, work: Path) -> Bank:
     """Training shapes as exact grids (what = "grid") or masks at the rays ("paper", "spread"); made once, kept."""
-    path = work / "banks" / f"{model.name}_{model.space.hash}_{what}.npz"
+    path = bank_path(model, what, work)
     if path.is_file():
         with np.load(path, allow_pickle=False) as file:
             return Bank(torch.from_numpy(file["vectors"]), file["seen"], int(file["n"]))

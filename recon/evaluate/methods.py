@@ -39,6 +39,7 @@ class Bench:
     model: Model
     network: NNProc
     work: Path
+    data: Path
 
     @cached_property
     def _kept(self) -> dict[str, tuple[RayOperator | None, Bank]]:
@@ -48,7 +49,7 @@ class Bench:
         """Rays and bank of "paper" or "spread" cameras; no rays for "grid"."""
         if what not in self._kept:
             rays = None if what == "grid" else operator(what, STRIDE)
-            self._kept[what] = rays, known_shapes(self.model, what, rays, self.work)
+            self._kept[what] = rays, known_shapes(self.model, what, rays, self.work, self.data)
         return self._kept[what]
 
 

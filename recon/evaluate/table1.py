@@ -55,7 +55,7 @@ class Table1Options:
     tasks: tuple[str, ...] = TASKS
     grids: tuple[str, ...] = GRIDS
     variant_steps: int = 600  # training steps of the ablations, of `simple`, and of ours beside them
-    data: Path = Path(".cache/data")  # generated pairs, for training the ablations
+    data: Path = Path(".cache/data")  # generated pairs, for training the ablations and as known shapes
     work: Path = Path(".cache/evaluate")
 
 
@@ -127,7 +127,7 @@ def _measured(
 ) -> Table1Row:
     if task == "spread":
         return _spread(model, grid, held_out)
-    bench = Bench(model, load_network(model.space, weights), options.work)
+    bench = Bench(model, load_network(model.space, weights), options.work, options.data)
     if task == "1":
         return _task1(bench, grid, method, held_out)
     return _recovered(bench, grid, task, method, METHODS[task].get(method, METHODS[task]["ours"]), held_out)
