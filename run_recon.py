@@ -20,12 +20,17 @@ def parser() -> argparse.ArgumentParser:
     from procmodels import names
 
     p = argparse.ArgumentParser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
-    p.add_argument("photos", type=Path, help="folder of JPEG, PNG or HEIC photos, 20 to 60 from all around")
+    photos = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras"
+    p.add_argument("photos", type=Path, help=photos)
     classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file (default chair)"
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
     p.add_argument("--masks", type=Path, help="folder of your own masks: same names as the photos, white = object")
     p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
+    p.add_argument("--cameras", type=Path, metavar="PATH", help="known cameras: COLMAP model or transforms.json")
+    p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
+    p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
+    p.add_argument("--frames", type=int, default=40, metavar="N", help="of a video, that are used (default 40)")
     p.add_argument("--seed", type=int, default=0, help="same seed, same result (default 0)")
     p.add_argument("--force", action="store_true", help="redo every stage")
     p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")
@@ -43,19 +48,25 @@ def main(argv: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
     for noisy in ("PIL", "trimesh", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
+    from recon.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.pipeline import ReconOptions, run
     from recon.scene import ReconError
+    from recon.video import VideoOptions
 
-    options = ReconOptions(
-        class_name=args.class_name,
-        masks=args.masks,
-        height=args.height,
-        seed=args.seed,
-        force=args.force,
-        start=args.start,
-    )
-    out = args.out or Path("out") / args.photos.resolve().name
+    out = args.out or Path("out") / (args.photos.stem if args.photos.is_file() else args.photos.resolve().name)
     try:
+        options = ReconOptions(
+            class_name=args.class_name,
+            masks=args.masks,
+            height=args.height,
+            seed=args.seed,
+            force=args.force,
+            start=args.start,
+            cameras=args.cameras,
+            intrinsics=parse_intrinsics(args.intrinsics) if args.intrinsics else None,
+            focal_mm=parse_focal_mm(args.focal_mm) if args.focal_mm else None,
+            video=VideoOptions(count=args.frames),
+        )
         paths = run(args.photos, out, options)
     except ReconError as error:
         sys.stderr.write(f"error: {error}\n")

@@ -91,10 +91,11 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
     return Given(source, folder, names, turned, tuple(warnings))
 
 
-def place(frames: Frames, given: Given, workdir: Path, need_room: bool = True) -> Poses:
+def place(frames: Frames, given: Given, workdir: Path) -> Poses:
     """The given cameras at the size of the working copies; undistorted photos go to `workdir`/undistorted.
 
-    need_room  look for points in the photos when the file has too few: floor and walls are found by them
+    Where the file has too few points for floor and walls, and masks are not given by alpha channels, the photos are
+    searched for more.
     """
     log.info("cameras given: %d photos, from %s", len(given.names), given.source)
     out = workdir / "undistorted"
@@ -112,7 +113,7 @@ def place(frames: Frames, given: Given, workdir: Path, need_room: bool = True) -
     cameras = Cameras(tuple(frames.names[v] for v in view), K, records.cam_from_world, sizes)
     points, tracks = records.points, records.tracks
     masked = all(frames.alpha[v] is not None for v in view)
-    if need_room and not masked and len(points) < LEAST_POINTS:
+    if not masked and len(points) < LEAST_POINTS:
         log.info("looking for points of the room, which the file has too few of")
         points, tracks = triangulate(cameras, tuple(paths))
     missing = tuple(n for n in frames.names if n not in place_of)

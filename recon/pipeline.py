@@ -13,7 +13,22 @@ from typing import Any, TypeVar
 from nnproc.infer import WeightsError, load_network
 from procmodels import Model, ModelError, load
 from procmodels.blender import BlenderMissing, require
-from recon import align, auto_class, fit, frames, hull, judge, outputs, poses, refine, scene, silhouettes
+from recon import (
+    align,
+    auto_class,
+    fit,
+    frames,
+    gather,
+    hull,
+    judge,
+    known_cameras,
+    outputs,
+    poses,
+    refine,
+    scene,
+    silhouettes,
+    video,
+)
 from recon.outputs import OutputPaths
 from recon.result import Result
 from recon.scene import InputError
@@ -35,6 +50,10 @@ class ReconOptions:
     seed: int = 0
     force: bool = False  # redo every stage
     start: str | None = None  # redo from this stage on
+    cameras: Path | None = None  # a COLMAP model's folder or a transforms.json: where the photos were taken from
+    intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in px of the original photos
+    focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
+    video: video.VideoOptions = field(default_factory=video.VideoOptions)
     frames: frames.FramesOptions = field(default_factory=frames.FramesOptions)
     poses: poses.PosesOptions = field(default_factory=poses.PosesOptions)
     silhouettes: silhouettes.SilhouetteOptions = field(default_factory=silhouettes.SilhouetteOptions)
@@ -47,7 +66,7 @@ class ReconOptions:
 
 
 def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> OutputPaths:
-    """Reconstruct the object in a folder of photos into the folder `out`.
+    """Reconstruct the object in a folder of photos (or a video, or photos with cameras) into the folder `out`.
 
     Raises InputError (the user's input or options) or ReconstructionError (no result possible); whatever was finished
     before stays in `out/.recon` and is used by the next run.
@@ -55,10 +74,13 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     models = _checked(photos, out, options)
     options = _seeded(options)
     work = out / ".recon"
-    stages = _Stages(work, options, [folder_digest(photos), code_version()])
+    source = gather.run(photos, work, options.cameras, options.video, options.force)
+    if source.cameras:  # two pictures may look alike and yet be taken from two places
+        options = replace(options, frames=replace(options.frames, same_difference=-1.0))
+    stages = _Stages(work, options, [source.key, code_version()])
 
-    shots = stages.run("frames", options.frames, lambda: frames.run(photos, work, options.frames))
-    placed = stages.run("poses", options.poses, lambda: poses.run(shots, work, options.poses))
+    shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
+    placed = stages.run("poses", options.poses, lambda: _placed(shots, source, work, options))
     masks = stages.run(
         "silhouettes",
         [options.silhouettes, folder_digest(options.masks)],
@@ -81,7 +103,7 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
         explanation=verdict.explanation,
         alternatives=refined.alternatives,
         seconds=stages.seconds,
-        warnings=(*placed.warnings, *chosen.warnings, *verdict.warnings),
+        warnings=(*source.warnings, *placed.warnings, *chosen.warnings, *verdict.warnings),
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
@@ -89,6 +111,13 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     )
     log.info("[8/8] outputs")
     return outputs.run(result, out, options.outputs, model)
+
+
+def _placed(shots: scene.Frames, source: gather.Photos, work: Path, options: ReconOptions) -> scene.Poses:
+    """The stage "poses": the cameras given, or structure from motion."""
+    if source.cameras is not None:
+        return known_cameras.place(shots, source.cameras, work)
+    return poses.run(shots, work, options.poses)
 
 
 def _chosen(
@@ -113,7 +142,7 @@ def _seeded(options: ReconOptions) -> ReconOptions:
     return replace(
         options,
         frames=replace(options.frames, allow_single=options.masks is not None),
-        poses=replace(options.poses, seed=options.seed),
+        poses=replace(options.poses, seed=options.seed, intrinsics=options.intrinsics, focal_mm=options.focal_mm),
         silhouettes=replace(options.silhouettes, seed=options.seed),
         fit=replace(options.fit, latent=replace(options.fit.latent, seed=options.seed)),
     )
@@ -147,8 +176,7 @@ class _Stages:
 
 def _checked(photos: Path, out: Path, options: ReconOptions) -> list[Model]:
     """The models to try; everything else that can be found wrong before minutes are spent. Raises InputError."""
-    if not photos.is_dir():
-        raise InputError(f"{photos} is not a folder; give the folder that holds the photos")
+    gather.check(photos, options.cameras)
     if options.masks is not None and not options.masks.is_dir():
         raise InputError(f"{options.masks} is not a folder; --masks wants the folder that holds the masks")
     if options.height is not None and not 0.01 <= options.height <= 100:

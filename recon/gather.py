@@ -1,0 +1,54 @@
+"""From what the user gave (photo folder, video, photos with known cameras) to one folder of photos."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from recon import known_cameras, video
+from recon.scene import InputError
+from recon.store import digest, folder_digest
+
+FOLDER = "given"  # below the work folder: links to the photos of known cameras
+
+
+@dataclass(frozen=True)
+class Photos:
+    """A folder of photos, their cameras when these are known, a digest of all that was read, and warnings."""
+
+    folder: Path
+    cameras: known_cameras.Given | None
+    key: str
+    warnings: tuple[str, ...] = ()
+
+
+def check(source: Path, cameras: Path | None) -> None:
+    """Raise InputError when `source` is none of what `run` takes, before anything is written."""
+    if cameras is not None and not cameras.exists():
+        raise InputError(f"{cameras} does not exist; --cameras wants a COLMAP model's folder or a transforms.json")
+    if source.is_dir() or video.is_video(source) or (source.is_file() and known_cameras.find(source) is not None):
+        return
+    what = "is not a folder of photos, a video, or a transforms.json" if source.exists() else "is not a folder or file"
+    raise InputError(f"{source} {what}; give the folder that holds the photos")
+
+
+def run(source: Path, work: Path, cameras: Path | None, options: video.VideoOptions, force: bool = False) -> Photos:
+    """The photos of a source; frames of a video go to `work`/video, links to photos with cameras to `work`/given.
+
+    cameras  a COLMAP model's folder or a transforms.json; None: one that `source` itself is or holds is used
+    Raises InputError.
+    """
+    folder, warnings = source, ()  # type: tuple[Path, tuple[str, ...]]
+    if video.is_video(source):
+        folder = work / "video"
+        if force:
+            (folder / video.DONE).unlink(missing_ok=True)
+        warnings = video.extract(source, folder, options)
+    found = cameras if cameras is not None else known_cameras.find(source)
+    if found is None:
+        return Photos(folder, None, folder_digest(folder), warnings)
+    given = known_cameras.gather(folder, found, work / FOLDER)
+    files = [hashlib.sha256(f.read_bytes()).hexdigest() for f in known_cameras.camera_files(given.source)]
+    key = digest(folder_digest(given.folder), files)
+    return Photos(given.folder, given, key, warnings)
