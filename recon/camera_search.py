@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from scipy.optimize import minimize
 
 from nnproc.rays import look_at_cameras
 from procmodels import Model
@@ -35,7 +36,8 @@ class CameraSearchOptions:
     size: int = 104  # px, side of the window on the object
     placed: int = 40  # views of the bank that are drawn exactly
     starts: int = 12  # of these, that are polished coarsely
-    finals: int = 4  # of these, whose discrete parameters are searched
+    finals: int = 5  # of these, whose discrete parameters are searched
+    climbs: int = 250  # evaluations of the last search on IoU itself
     coarse: RefineOptions = field(default_factory=lambda: RefineOptions(blurs=(5.0, 2.5), steps=4))
     fine: RefineOptions = field(default_factory=lambda: RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3))
     near: float = 25.0  # degrees between a known view direction and views of the bank
@@ -86,14 +88,11 @@ def guessed_K(width: int, height: int) -> np.ndarray:
 def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions = CameraSearchOptions()) -> FoundView:
     """Parameters and camera that explain the mask best."""
     job = _ViewSearch(model, view, options)
-    hits = search(bank, job.hard[0], job.crops.valid[0], options.bank, job.allowed(bank))
-    starts = job.distinct([job.placed(bank, h) for h in _spread(bank, hits, options.placed)], options.starts, 3)
-    job.options = options.coarse
+    starts = job.starts(bank, options.starts)
     polished = job.distinct([job.polish(s) for s in starts], options.finals, 2)
     job.options = options.fine
-    finals = sorted((job.improve_choices(s) for s in polished), key=job.iou, reverse=True)
-    best = finals[0]
-    assert isinstance(best, _View)
+    finals = sorted((job.climbed(job.improve_choices(s)) for s in polished), key=job.iou, reverse=True)
+    best = job.climbed(finals[0])
     refined = Refined(
         job.params(best),
         Canonical(best.canonical),
@@ -104,6 +103,12 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     K = view.K.copy()
     K[(0, 1), (0, 1)] *= best.zoom
     return FoundView(refined, K, job.crops.cameras.cam_from_world[0], *job.direction(best))
+
+
+def first_look(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions = CameraSearchOptions()) -> float:
+    """IoU after a short search: cheap evidence for or against a class."""
+    job = _ViewSearch(model, view, options)
+    return max(job.agreement(job.climbed(job.polish(s))) for s in job.starts(bank, 3))
 
 
 def _spread(bank: Bank, hits: list[Hit], count: int) -> list[Hit]:
@@ -256,6 +261,42 @@ class _ViewSearch(_Search):
             ]
         )
 
+    # Ways to move
+
+    def starts(self, bank: Bank, count: int) -> list[_State]:
+        """The views of the bank that agree best with the mask, drawn exactly in its place."""
+        hits = search(bank, self.hard[0], self.crops.valid[0], self.costs.bank, self.allowed(bank))
+        placed: list[_State] = [self.placed(bank, h) for h in _spread(bank, hits, self.costs.placed)]
+        return self.distinct(placed, count, 3)
+
+    def climbed(self, state: _State) -> _View:
+        """The state after a simplex search on IoU itself, which Gauss-Newton on blurred differences only approaches."""
+        n = len(self.scalars)
+        steps = np.array([0.08] * n + [0.05] * 3 + [0.02] * 3 + [0.04])
+        free = np.flatnonzero(self.free)
+
+        def loss(x: np.ndarray) -> float:
+            delta = np.zeros(n + 7)
+            delta[free] = x * steps[free]
+            return -self._soft_iou(self.moved(state, delta))
+
+        # A scalar at its upper end is tried downwards.
+        signs = np.where(np.r_[state.units, np.zeros(7)] > 0.8, -1.0, 1.0)[free]
+        simplex = np.vstack([np.zeros(len(free)), np.diag(signs)])
+        options = {"maxfev": self.costs.climbs, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4}
+        found = minimize(loss, np.zeros(len(free)), method="Nelder-Mead", options=options)
+        delta = np.zeros(n + 7)
+        delta[free] = found.x * steps[free]
+        best = max((self.moved(state, delta), state), key=self.iou)
+        assert isinstance(best, _View)
+        return best
+
+    def _soft_iou(self, state: _State) -> float:
+        """IoU of shares of pixels, less what an unusual camera costs."""
+        drawn, mask = self.images(state, coverage) * self.crops.valid, self.crops.masks
+        both = float(np.minimum(drawn, mask).sum() / max(np.maximum(drawn, mask).sum(), 1))
+        return both - float((self._unusual(state) ** 2).sum())
+
     # Several answers
 
     def distinct(self, states: list[_State], count: int, each: int) -> list[_State]:
@@ -263,7 +304,7 @@ class _ViewSearch(_Search):
         sides: dict[int, int] = {}
         out: list[_State] = []
         for _, _, state in sorted(((-self.iou(s), i, s) for i, s in enumerate(states)), key=lambda t: t[:2]):
-            side = round(self.direction(state)[0] / 45) % 8
+            side = round(self.direction(state)[0] / 30) % 12
             sides[side] = sides.get(side, 0) + 1
             if sides[side] <= each and len(out) < count:
                 out.append(state)

@@ -1,0 +1,167 @@
+"""One image of one object, or its mask alone, to a result; the camera is known or found with the shape."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from procmodels import Model, ModelError, load, names
+from procmodels.blender import BlenderMissing, require
+from recon import intrinsics, judge, one_mask, outputs
+from recon.camera_search import CameraSearchOptions, FoundView, OneView, find, first_look, guessed_K
+from recon.judge import Verdict
+from recon.one_mask import Masked
+from recon.outputs import OutputPaths, OutputsOptions
+from recon.pix3d_record import read_camera
+from recon.result import Result
+from recon.scene import Cameras, InputError, Poses, Silhouettes
+from recon.versions import versions
+from recon.view_bank import load_bank
+
+log = logging.getLogger("recon")
+AUTO = "auto"
+FINALISTS = 2  # classes that are searched in full when none was named
+NEARLY = 0.02  # IoU: another camera this near explains the outline as well
+
+
+@dataclass(frozen=True)
+class ImageOptions:
+    """What the user asked for."""
+
+    class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
+    mask: Path | None = None  # white = object
+    box: tuple[float, float, float, float] | None = None  # x, y, w, h in pixels of the upright image
+    pix3d: Path | None = None  # Pix3D's pix3d.json: the camera is in the image's record
+    intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in pixels of the original
+    focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
+    height: float | None = None  # real height of the object in metres
+    seed: int = 0
+    search: CameraSearchOptions = field(default_factory=CameraSearchOptions)
+    outputs: OutputsOptions = field(default_factory=OutputsOptions)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """The model that explains the image best, its answer, and every class with its IoU when all were tried."""
+
+    model: Model
+    found: FoundView
+    classes: tuple[tuple[str, float], ...] = ()
+
+
+def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> OutputPaths:
+    """Reconstruct the object in an image file, or from a mask file alone, into the folder `out`.
+
+    Raises InputError (the user's input or options) or ReconstructionError (no result possible).
+    """
+    models = _models(options)
+    with tempfile.TemporaryDirectory(prefix="one-image-") as folder:
+        seconds = {}
+        started = time.monotonic()
+        log.info("[1/3] mask")
+        masked = one_mask.run(path, Path(folder), options.mask, options.box, options.seed)
+        view = _view(path, masked, options)
+        seconds["mask"] = round(time.monotonic() - started, 2)
+        started = time.monotonic()
+        log.info("[2/3] camera and shape")
+        searched = search(models, view, options)
+        seconds["search"] = round(time.monotonic() - started, 2)
+        log.info("[3/3] outputs")
+        result = _result(masked, view, searched, seconds, options)
+        return outputs.run(result, out, options.outputs, searched.model)
+
+
+def search(models: list[Model], view: OneView, options: ImageOptions = ImageOptions()) -> Searched:
+    """The answer of the one model, or of the best of several: a short search of each, a full one of the best few."""
+    banks = {m.name: load_bank(m, options.search.bank, options.seed) for m in models}
+    if len(models) == 1:
+        return Searched(models[0], find(models[0], view, banks[models[0].name], options.search))
+    scores = {m.name: first_look(m, view, banks[m.name], options.search) for m in models}
+    finalists = sorted(models, key=lambda m: -scores[m.name])[:FINALISTS]
+    answers = [(m, find(m, view, banks[m.name], options.search)) for m in finalists]
+    scores |= {m.name: f.refined.mean_iou for m, f in answers}
+    model, found = max(answers, key=lambda a: a[1].refined.mean_iou)
+    return Searched(model, found, tuple(sorted(scores.items(), key=lambda s: -s[1])))
+
+
+def _models(options: ImageOptions) -> list[Model]:
+    """The models to try. Raises InputError for unusable options."""
+    if options.height is not None and not 0.01 <= options.height <= 100:
+        raise InputError(f"--height is in metres, from 0.01 to 100; got {options.height:g}")
+    try:
+        require("bpy")
+        return [load(n) for n in names()] if options.class_name == AUTO else [load(options.class_name)]
+    except (ModelError, BlenderMissing) as error:
+        raise InputError(str(error)) from error
+
+
+def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
+    """The mask with what is known of its camera: a record, intrinsics, EXIF's focal length, or nothing."""
+    width, height = (int(v) for v in masked.frames.sizes[0])
+    if options.pix3d is not None:
+        original = masked.frames.original
+        size = (width, height) if original is None else (int(original[0, 0]), int(original[0, 1]))
+        camera = read_camera(options.pix3d, str(path), size)
+        log.info("camera: from %s", options.pix3d.name)
+        return OneView(masked.mask, camera.K_for(width, height), True, camera.cam_from_model)
+    held = intrinsics.held(masked.frames, options.intrinsics, options.focal_mm)
+    if held is not None:
+        fx, fy, cx, cy = held[0]
+        log.info("camera: intrinsics known, place unknown")
+        return OneView(masked.mask, np.array([(fx, 0, cx), (0, fy, cy), (0, 0, 1)], float), True)
+    K, focal = guessed_K(width, height), float(masked.frames.focal_px[0])
+    if np.isfinite(focal):
+        K[(0, 1), (0, 1)] = focal
+        log.info("camera: focal length from EXIF, place unknown")
+        return OneView(masked.mask, K, True)
+    log.info("camera: unknown")
+    return OneView(masked.mask, K)
+
+
+def _result(
+    masked: Masked, view: OneView, searched: Searched, seconds: dict[str, float], options: ImageOptions
+) -> Result:
+    """What the outputs need; the world is the camera's frame, or a record's."""
+    found, name = searched.found, masked.frames.names
+    cameras = Cameras(name, found.K[None], found.cam_from_world[None], masked.frames.sizes)
+    poses = Poses(cameras, masked.frames.paths, np.zeros((0, 3)), np.zeros((0, 1), bool))
+    silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool))
+    verdict = _judged(judge.run(searched.model, poses, silhouettes, found.refined, 1), view, found)
+    return Result(
+        class_name=searched.model.name,
+        params=found.refined.params,
+        frames=masked.frames,
+        poses=poses,
+        silhouettes=silhouettes,
+        canonical=found.refined.canonical,
+        view_iou=verdict.view_iou,
+        confidence=verdict.confidence,
+        explanation=verdict.explanation,
+        alternatives=found.refined.alternatives,
+        seconds=seconds,
+        warnings=(*masked.warnings, *verdict.warnings),
+        seed=options.seed,
+        height_m=options.height,
+        versions=versions(),
+        classes=searched.classes,
+    )
+
+
+def _judged(verdict: Verdict, view: OneView, found: FoundView) -> Verdict:
+    """The verdict in the words of one image, and no surer than one image can be."""
+    where = f"azimuth {found.azimuth:.0f}, elevation {found.elevation:.0f} degrees"
+    if view.cam_from_model is not None:
+        return replace(verdict, explanation=f"one outline, agreement {verdict.mean_iou:.2f} (IoU), camera given")
+    fov = np.degrees(2 * np.arctan(max(view.mask.shape) / 2 / found.K[0, 0]))
+    lens = "focal length given" if view.focal_known else f"field of view {fov:.0f} degrees, a guess"
+    rivals = [n for n, s in found.refined.alternatives if "turned by" in n and s > found.refined.mean_iou - NEARLY]
+    text = f"one outline, agreement {verdict.mean_iou:.2f} (IoU), camera found with the shape: {where}, {lens}"
+    if rivals:
+        text += f"; {len(rivals)} other cameras explain the outline nearly as well"
+    share = 0.9 if view.focal_known else 0.8
+    return replace(verdict, explanation=text, confidence=verdict.confidence * share)

@@ -1,0 +1,152 @@
+"""The object in one image: from a mask file, the alpha channel, GrabCut in a box, or the image itself is a mask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from recon import frames
+from recon.frames import FramesOptions
+from recon.scene import Frames, InputError
+from recon.usermasks import BadMask, read_mask
+
+LEAST_AREA = 150  # px that an object must cover
+RIVAL = 0.3  # a second part this large, compared with the largest, may be another object
+GRABCUT_SIDE = 640  # px, longest side of the picture that GrabCut works on
+WHAT_TO_GIVE = (
+    "give --mask FILE (white = object), --box x,y,w,h round the object in pixels, or a PNG whose background is "
+    "transparent; 20 to 60 photos from all round need neither"
+)
+
+
+@dataclass(frozen=True)
+class Masked:
+    """One image as Frames, its mask (H, W) bool at the working copy's size, where the mask comes from, and warnings."""
+
+    frames: Frames
+    mask: np.ndarray
+    source: str
+    warnings: tuple[str, ...]
+
+
+def parse_box(text: str) -> tuple[float, float, float, float]:
+    """ "x,y,w,h" in pixels of the upright image; raises InputError."""
+    try:
+        x, y, w, h = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--box wants x,y,w,h in pixels, four numbers with commas, got {text!r}") from error
+    if not (np.isfinite([x, y, w, h]).all() and w > 0 and h > 0):
+        raise InputError(f"--box wants x,y,w,h with a width and a height above 0, got {text!r}")
+    return x, y, w, h
+
+
+def run(
+    path: Path,
+    workdir: Path,
+    mask_file: Path | None = None,
+    box: tuple[float, float, float, float] | None = None,
+    seed: int = 0,
+) -> Masked:
+    """Read the image into `workdir` and find the object: --mask wins over the alpha channel, and that over --box.
+
+    Raises InputError when the file is no image, nothing says where the object is, or what says so is unusable.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} is not an image file")
+    shot = frames.run(path, workdir, FramesOptions(allow_single=True))
+    warnings: tuple[str, ...] = ()
+    width, height = (int(v) for v in shot.sizes[0])
+    if mask_file is not None:
+        mask, source = _read(mask_file, (width, height)), "user"
+    elif shot.alpha[0] is not None:
+        mask, source = _read(shot.alpha[0], (width, height)), "alpha"
+    elif box is not None:
+        mask, source = _grabcut(shot, box, seed), "grabcut"
+    elif _is_mask(shot.paths[0]):
+        mask, source = _read(path, (width, height)), "user"
+    else:
+        raise InputError(f"nothing says where the object is in {path.name}: {WHAT_TO_GIVE}")
+    mask, warnings = checked(mask, path.name, boxed=source == "grabcut")
+    return Masked(shot, mask, source, warnings)
+
+
+def _read(file: Path, size: tuple[int, int]) -> np.ndarray:
+    if not file.is_file():
+        raise InputError(f"the mask {file} does not exist")
+    try:
+        return read_mask(file, size)
+    except BadMask as error:
+        raise InputError(f"the mask cannot be used: {error}") from error
+
+
+def _is_mask(path: Path) -> bool:
+    """Whether a picture is nearly black and white, as a mask saved in any format is."""
+    image = cv2.imread(str(path))
+    if image is None:
+        return False
+    low, high = image.min(2), image.max(2)
+    two_valued = np.mean((high < 40) | (low > 215)) > 0.97
+    return bool(two_valued and (high < 40).any() and (low > 215).any())
+
+
+def checked(mask: np.ndarray, name: str, boxed: bool = False) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The object alone, and warnings; parts that may be another object are left out. Raises InputError."""
+    if mask.sum() < LEAST_AREA:
+        raise InputError(f"the mask of {name} is empty or tiny ({int(mask.sum())} px); white must be the object")
+    border = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
+    if border.mean() > 0.9:
+        raise InputError(
+            f"the mask of {name} reaches the image's border all round: white must be the object, with some background "
+            "in view (is it inverted?)"
+        )
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    warnings = []
+    largest = 1 + int(areas.argmax())
+    keep = np.r_[False, areas >= (0.02 * areas.max() if boxed else 0)]
+    rivals = (areas >= RIVAL * areas.max()).sum() - 1
+    if rivals:
+        warnings.append(f"the mask of {name} shows {rivals + 1} large separate parts: the largest is taken")
+        keep[:] = False
+        keep[largest] = True
+    out = keep[labels]
+    edges = [
+        n for n, e in (("left", out[:, 0]), ("top", out[0]), ("right", out[:, -1]), ("bottom", out[-1])) if e.any()
+    ]
+    if edges:
+        warnings.append(f"{name} cuts the object off ({', '.join(edges)}): what lies outside is a guess")
+    return out, tuple(warnings)
+
+
+def _grabcut(shot: Frames, box: tuple[float, float, float, float], seed: int) -> np.ndarray:
+    """(H, W) bool: GrabCut, with what lies outside the box as background. `box` in pixels of the original."""
+    width, height = (int(v) for v in shot.sizes[0])
+    original = shot.sizes[0] if shot.original is None else shot.original[0]
+    x, y, w, h = box
+    if x < 0 or y < 0 or x + w > original[0] or y + h > original[1]:
+        raise InputError(
+            f"--box {x:g},{y:g},{w:g},{h:g} lies outside the image, which is {original[0]} x {original[1]} px"
+        )
+    image = cv2.imread(str(shot.paths[0]))
+    if image is None:
+        raise InputError(f"{shot.names[0]} cannot be read again")
+    scale = min(1.0, GRABCUT_SIDE / max(width, height))
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    factor = np.array([small.shape[1], small.shape[0]] * 2) / np.tile(original, 2)
+    left, top, wide, high = np.round(np.array(box) * factor).astype(int)
+    if min(wide, high) < 12:
+        raise InputError(f"--box {x:g},{y:g},{w:g},{h:g} is too small to hold an object")
+    labels = np.full(small.shape[:2], cv2.GC_BGD, np.uint8)
+    labels[top : top + high, left : left + wide] = cv2.GC_PR_FGD
+    if (labels == cv2.GC_BGD).sum() < 100:
+        raise InputError("--box holds the whole image: some background must lie outside it; or give --mask FILE")
+    cv2.setRNGSeed(seed)
+    cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), 6, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
+    found = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    if not 0.03 < found.sum() / (wide * high) < 0.97:
+        raise InputError(f"no object could be told from the background in --box of {shot.names[0]}; give --mask FILE")
+    return cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5

@@ -1,0 +1,242 @@
+"""One image: the shape and the camera come back from a drawn mask; records, boxes and masks are read."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from nnproc.rays import look_at_cameras
+from recon import from_image, one_mask, pix3d_record
+from recon.camera_search import CameraSearchOptions, OneView, find, guessed_K
+from recon.evaluate import pix3d_dev
+from recon.outputs import OutputsOptions
+from recon.raster import iou, silhouettes
+from recon.refine import RefineOptions
+from recon.scene import InputError
+from recon.view_bank import BankOptions, load_bank, search, touching
+
+CHAIR = {"width": 0.62, "depth": 0.47, "leg_height": 0.41, "legs": "basic", "arms": "solid", "back": "hbar"}
+SIZE = (320, 240)
+SMALL = CameraSearchOptions(
+    bank=BankOptions(shapes=64, elevations=(8.0, 26.0), jitter=8.0, azimuth_step=30.0),
+    placed=20,
+    starts=6,
+    finals=2,
+    climbs=120,
+    fine=RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3),
+)
+
+
+@pytest.fixture(scope="module")
+def bank(chair, tmp_path_factory):
+    return load_bank(chair, SMALL.bank, cache=tmp_path_factory.mktemp("cache"))
+
+
+def _drawn(chair, azimuth, elevation, params=CHAIR, distance=2.3):
+    """A mask of 320 x 240, its K and its pose."""
+    K, pose = (t[0].numpy() for t in look_at_cameras([azimuth], [elevation], distance, 40, 240))
+    K[0, 2] = 160
+    return silhouettes(chair.build(params), K[None], pose[None], np.array([SIZE]))[0], K, pose
+
+
+def _saved(mask, path):
+    Image.fromarray(mask.astype(np.uint8) * 255).save(path)
+    return path
+
+
+def _record(K, pose, scale=0.8):
+    """Pix3D's record of a camera; their model is ours times `scale`, y up."""
+    rotation = pix3d_record.OPENCV_FROM_PIX3D.T @ pose[:3, :3] @ pix3d_record.PIX3D_FROM_CANONICAL.T
+    translation = pix3d_record.OPENCV_FROM_PIX3D.T @ pose[:3, 3] * scale
+    return {
+        "img": "img/chair/0007.jpg",
+        "mask": "mask/chair/0007.png",
+        "category": "chair",
+        "img_size": list(SIZE),
+        "rot_mat": rotation.tolist(),
+        "trans_mat": translation.tolist(),
+        "focal_length": K[0, 0] * 32 / SIZE[0],
+    }
+
+
+def test_a_known_camera_gives_the_parameters_back(chair, bank):
+    mask, K, pose = _drawn(chair, 40, 22)
+    model_pose = pose.copy()
+    model_pose[:3, 3] *= 0.8
+    found = find(chair, OneView(mask, K, True, model_pose), bank, SMALL)
+    assert iou(pix3d_dev.redrawn(chair, found, mask.shape), mask) > 0.95
+    assert {k: v for k, v in found.refined.params.items() if isinstance(v, str)} == {
+        k: v for k, v in CHAIR.items() if isinstance(v, str)
+    }
+    for s in chair.space.scalars:
+        assert found.refined.params[s.name] == pytest.approx(CHAIR[s.name], abs=0.06 * (s.high - s.low))
+    assert found.azimuth == pytest.approx(40, abs=2)
+
+
+def test_an_unknown_camera_is_found_with_the_shape(chair, bank):
+    mask, _, _ = _drawn(chair, 325, 18)
+    found = find(chair, OneView(mask, guessed_K(*SIZE)), bank, SMALL)
+    assert iou(pix3d_dev.redrawn(chair, found, mask.shape), mask) > 0.9
+    assert abs((found.azimuth - 325 + 180) % 360 - 180) < 25
+    assert -5 < found.elevation < 45
+
+
+def test_the_bank_ranks_the_right_side_first_wherever_the_object_is(chair, bank):
+    mask, _, _ = _drawn(chair, 300, 12)
+    moved = np.zeros((300, 420), bool)
+    small = cv2.resize(mask.astype(np.uint8), None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA) > 0
+    moved[20 : 20 + small.shape[0], 200 : 200 + small.shape[1]] = small
+    hits = search(bank, moved, np.ones_like(moved), SMALL.bank, np.ones(len(bank.bits), bool))
+    assert hits[0].score > 0.8
+    assert abs((bank.azimuth[hits[0].entry] - 300 + 180) % 360 - 180) <= 30
+
+
+def test_the_bank_comes_from_the_cache(chair, tmp_path):
+    options = BankOptions(shapes=3, elevations=(10.0,), azimuth_step=90.0)
+    first, again = (load_bank(chair, options, cache=tmp_path) for _ in range(2))
+    assert (first.bits == again.bits).all()
+    assert first.params == again.params
+    assert len(list(tmp_path.iterdir())) == 1
+    next(tmp_path.iterdir()).write_bytes(b"damaged")
+    assert (load_bank(chair, options, cache=tmp_path).bits == first.bits).all()
+
+
+def test_an_object_that_the_edge_cuts_off_is_noticed():
+    mask = np.zeros((50, 60), bool)
+    mask[20:, 10:30] = True
+    assert touching(mask, np.ones_like(mask)) == (False, False, False, True)
+
+
+def test_a_record_projects_the_model_onto_its_mask(chair, tmp_path):
+    mask, K, pose = _drawn(chair, 70, 25)
+    file = tmp_path / "pix3d.json"
+    other = {**_record(K, pose), "img": "img/bed/0007.png", "mask": "mask/bed/0007.png", "focal_length": 99.0}
+    file.write_text(json.dumps([other, _record(K, pose)]))
+    camera = pix3d_record.read_camera(file, "somewhere/chair/0007.png", SIZE)
+    assert pytest.approx(K) == camera.K
+    # A model as Pix3D keeps it: y up, facing -z, 0.8 tall; its own rot_mat and trans_mat, x left and y up.
+    record = _record(K, pose)
+    vertices = 0.8 * chair.build(CHAIR).vertices()[:, (0, 2, 1)] * (-1, 1, 1)
+    x, y, z = (vertices @ np.array(record["rot_mat"]).T + record["trans_mat"]).T
+    focal = record["focal_length"] * SIZE[0] / 32
+    column, row = 160 - focal * x / z, 120 - focal * y / z
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3)))
+    assert near[np.floor(row).astype(int), np.floor(column).astype(int)].all()
+    ours = 0.8 * chair.build(CHAIR).vertices() @ camera.cam_from_model[:3, :3].T + camera.cam_from_model[:3, 3]
+    pixels = ours @ camera.K.T
+    assert pixels[:, :2] / pixels[:, 2:] == pytest.approx(np.stack([column, row], 1))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mask": "mask/chair/0001.png", "img": "img/chair/0001.jpg"}, "no record"),
+        ({"rot_mat": [[1, 2], [3, 4]]}, "not complete"),
+        ({"rot_mat": np.diag([2.0, 1, 1]).tolist()}, "not a rotation"),
+        ({"trans_mat": [0, 0, -1]}, "behind the camera"),
+    ],
+)
+def test_a_bad_record_is_named(change, words, tmp_path):
+    record = _record(np.diag([300.0, 300, 1]), np.eye(4)) | {"trans_mat": [0, 0, 2]}
+    (tmp_path / "pix3d.json").write_text(json.dumps([record | change]))
+    with pytest.raises(InputError, match=words):
+        pix3d_record.read_camera(tmp_path / "pix3d.json", "0007.png", SIZE)
+
+
+def _photo(path, size=SIZE, boxes=((100, 60, 80, 120),)):
+    """Red blocks on a noisy green ground."""
+    rng = np.random.default_rng(0)
+    picture = np.full((size[1], size[0], 3), (60, 140, 70)) + rng.integers(-12, 12, (size[1], size[0], 3))
+    for x, y, w, h in boxes:
+        picture[y : y + h, x : x + w] = (190, 50, 40)
+    Image.fromarray(picture.astype(np.uint8)).save(path)
+    return path
+
+
+def test_a_box_is_cut_out(tmp_path):
+    photo = _photo(tmp_path / "a.png")
+    masked = one_mask.run(photo, tmp_path / "work", box=(90, 50, 100, 140))
+    true = np.zeros(SIZE[::-1], bool)
+    true[60:180, 100:180] = True
+    assert iou(masked.mask, true) > 0.95
+    assert masked.source == "grabcut"
+    assert not masked.warnings
+
+
+def test_two_objects_in_the_box_are_told(tmp_path):
+    photo = _photo(tmp_path / "a.png", boxes=((60, 60, 60, 100), (180, 60, 80, 120)))
+    masked = one_mask.run(photo, tmp_path / "work", box=(50, 50, 220, 140))
+    assert "2 large separate parts" in masked.warnings[0]
+    assert masked.mask[100, 200]
+    assert not masked.mask[100, 80]
+
+
+@pytest.mark.parametrize(
+    ("box", "words"),
+    [
+        (None, "nothing says where the object is"),
+        ((300, 10, 100, 50), "outside the image, which is 320 x 240"),
+        ((10, 10, 5, 5), "too small"),
+        ((0, 0, 320, 240), "whole image"),
+    ],
+)
+def test_a_box_that_cannot_be_used_is_named(box, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        one_mask.run(_photo(tmp_path / "a.png"), tmp_path / "work", box=box)
+
+
+def test_masks_that_cannot_be_used_are_named(tmp_path):
+    photo = _photo(tmp_path / "a.png")
+    inverted = np.ones(SIZE[::-1], bool)
+    inverted[60:180, 100:180] = False
+    dot = np.zeros(SIZE[::-1], bool)
+    dot[5:8, 5:8] = True
+    cases = {
+        "all black": np.zeros(SIZE[::-1], bool),
+        "border all round": inverted,
+        "tiny": dot,
+        "not the shape": np.eye(64, dtype=bool),
+    }
+    for words, mask in cases.items():
+        with pytest.raises(InputError, match=words):
+            one_mask.run(photo, tmp_path / "work", mask_file=_saved(mask, tmp_path / "mask.png"))
+    with pytest.raises(InputError, match="does not exist"):
+        one_mask.run(photo, tmp_path / "work", mask_file=tmp_path / "none.png")
+    (tmp_path / "b.png").write_bytes(b"no image")
+    with pytest.raises(InputError):
+        one_mask.run(tmp_path / "b.png", tmp_path / "work")
+
+
+def test_a_box_is_four_numbers():
+    assert one_mask.parse_box("1, 2,3,4.5") == (1, 2, 3, 4.5)
+    for text in ("1,2,3", "a,b,c,d", "0,0,-5,5", "0,0,nan,5"):
+        with pytest.raises(InputError, match="x,y,w,h"):
+            one_mask.parse_box(text)
+
+
+def test_a_mask_alone_ends_in_all_outputs(chair, bank, tmp_path, monkeypatch):
+    monkeypatch.setattr(from_image, "load_bank", lambda *_: bank)
+    mask, K, pose = _drawn(chair, 30, 20)
+    path = _saved(mask, tmp_path / "0007.png")
+    (tmp_path / "pix3d.json").write_text(json.dumps([_record(K, pose)]))
+    written = OutputsOptions(blender=False, renders=1, render_size=64)
+    options = from_image.ImageOptions(pix3d=tmp_path / "pix3d.json", height=0.9, search=SMALL, outputs=written)
+    paths = from_image.run(path, tmp_path / "out", options)
+    report = json.loads(paths.report_json.read_text())
+    assert report["mean_iou"] > 0.95
+    assert report["params"]["arms"] == "solid"
+    assert "camera given" in report["explanation"]
+    assert trimesh.load(paths.glb, force="mesh").extents[1] == pytest.approx(0.9)
+    content = json.loads((paths.cameras / "transforms.json").read_text())
+    assert content["fl_x"] == pytest.approx(K[0, 0])
+
+
+def test_nothing_is_written_for_bad_input(tmp_path):
+    with pytest.raises(InputError, match="nothing says where"):
+        from_image.run(_photo(tmp_path / "a.png"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="no model"):
+        from_image.run(tmp_path / "a.png", tmp_path / "out", from_image.ImageOptions(class_name="lamp"))
