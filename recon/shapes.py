@@ -1,0 +1,255 @@
+"""A shape from a file as a target to fit: cleaned surface points, and the ways in which it may stand and face.
+
+Every hypothesis is a rotation canonical_from_input; with it come the points in that canonical frame (box centred,
+longest side 1) and the similarity back to the file's own axes and units.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.ndimage
+from scipy.spatial import cKDTree
+
+from datasets.voxels import RESOLUTION, point_grid, surface_grid
+from recon.inputs import Kind
+from recon.scene import InputError
+from recon.shape_files import Surface, mesh_format, read_cloud, read_mesh, read_splat, read_voxels
+
+log = logging.getLogger("recon")
+AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
+
+
+@dataclass(frozen=True)
+class ShapeOptions:
+    """How a shape is read and cleaned."""
+
+    up: str = "auto"  # axis of the file that points up; auto tries y and z
+    front: str = "auto"  # axis of the file that the object faces; auto tries all four
+    samples: int = 20_000  # points drawn from a mesh, and kept of a dense cloud
+    max_faces: int = 1_000_000  # larger meshes are voxelised from points
+    least_points: int = 20  # fewer say nothing about a shape
+    opacity: float = 0.3  # Gaussians below are not seen
+    outlier: float = 4.0  # a point this many times as far from its neighbours as usual is left out
+    floor_overhang: float = 1.15  # a flat sheet this many times as wide as what stands on it is a floor
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to be met.
+
+    points    (n, 3) float, surface points in the file's axes and units
+    spacing   median distance of a point to its nearest neighbour, share of the longest side
+    complete  False for sparse clouds, whose gaps say little
+    triangles (m, 3, 3) float corners of the mesh; (0, 3, 3) when points are all that is known
+    ups       axes that may point up, the format's convention first
+    kind      Kind, and what in words
+    """
+
+    points: np.ndarray
+    spacing: float
+    complete: bool
+    triangles: np.ndarray
+    ups: tuple[str, ...]
+    fronts: tuple[str, ...]
+    kind: str
+    what: str
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One way to stand: the words, input_from_canonical (4, 4) similarity, and the points (n, 3) in canonical units."""
+
+    name: str
+    input_from_canonical: np.ndarray
+    points: np.ndarray
+
+
+def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()) -> Target:
+    """Read and clean. Raises InputError saying what is wrong with the file and what to do."""
+    triangles = np.zeros((0, 3, 3))
+    if kind == Kind.MESH:
+        surface = read_mesh(path)
+        points = sampled(surface, options.samples, options.seed)
+        if len(surface.triangles) <= options.max_faces:
+            triangles = surface.vertices[surface.triangles]
+        ups = ("z", "y") if mesh_format(path).startswith("stl") else ("y", "z")
+    elif kind == Kind.VOXELS:
+        points, ups = _voxel_points(read_voxels(path)), ("z", "y")
+    else:
+        points = read_splat(path, options.opacity) if kind == Kind.SPLAT else read_cloud(path)
+        ups = ("z", "y")
+        if kind == Kind.SPLAT:
+            ups = ("z", "y", "-y")  # splats keep the cameras' axes: y down
+    clean, warnings = _cleaned(points, path, options, kind, ups)
+    if len(warnings):
+        triangles = triangles[:0]  # what was left out of the points must not come back
+        log.warning("%s", "; ".join(warnings))
+    ups = ups if options.up == "auto" else (_axis(options.up, "--up"),)
+    fronts = () if options.front == "auto" else (_axis(options.front, "--front"),)
+    if fronts and not any(up.strip("-") != fronts[0].strip("-") for up in ups):
+        raise InputError(f"--up {options.up} and --front {options.front} are the same line; they must differ")
+    complete = kind in (Kind.MESH, Kind.VOXELS)
+    return Target(clean, _spacing(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings))
+
+
+def _axis(name: str, option: str) -> str:
+    if name not in AXES:
+        raise InputError(f"{option} is one of auto, {', '.join(AXES)}; got {name!r}")
+    return name
+
+
+def hypotheses(target: Target) -> list[Hypothesis]:
+    """Every way to stand that the options leave open, the format's convention first."""
+    out = []
+    for up in target.ups:
+        for front in target.fronts or [a for a in ("-y", "z", "y", "x", "-x", "-z") if a.strip("-") != up.strip("-")]:
+            if front.strip("-") != up.strip("-"):
+                rotation = _rotation(up, front)
+                points, back = canonical(target.points, rotation)
+                out.append(Hypothesis(f"up {up}, front {front}", back, points))
+    return out
+
+
+def _rotation(up: str, front: str) -> np.ndarray:
+    """(3, 3) canonical_from_input: up becomes z, front becomes -y."""
+    z, y = np.array(AXES[up], float), -np.array(AXES[front], float)
+    return np.stack([np.cross(y, z), y, z])
+
+
+def canonical(points: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points turned, box centred, longest side 1; and input_from_canonical (4, 4)."""
+    turned = points @ rotation.T
+    low, high = turned.min(0), turned.max(0)
+    scale = float((high - low).max())
+    back = np.eye(4)
+    back[:3, :3] = scale * rotation.T
+    back[:3, 3] = rotation.T @ (low + high) / 2
+    return (turned - (low + high) / 2) / scale, back
+
+
+def grid_of(target: Target, hypothesis: Hypothesis) -> np.ndarray:
+    """(64, 64, 64) bool surface grid for the network: triangles when known, else points splatted to close their gaps.
+
+    A point's ball has the radius of the cloud's own gaps, so that a sparse cloud becomes a surface, not dust.
+    """
+    if len(target.triangles):
+        forward = np.linalg.inv(hypothesis.input_from_canonical)
+        corners = target.triangles.reshape(-1, 3) @ forward[:3, :3].T + forward[:3, 3]
+        return surface_grid(corners, np.arange(len(corners)).reshape(-1, 3))
+    radius = 1.2 * target.spacing
+    if radius * RESOLUTION < 0.8:
+        return point_grid(hypothesis.points)
+    # On a finer grid, so that the balls are round; then back to where a surface through their middles would be.
+    fine = point_grid(hypothesis.points, 2 * RESOLUTION)
+    distance = scipy.ndimage.distance_transform_edt(~fine) / (2 * RESOLUTION)
+    ball = distance <= radius
+    depth = scipy.ndimage.distance_transform_edt(ball) / (2 * RESOLUTION)
+    core = (depth > 0.75 * radius) | fine
+    return core.reshape(RESOLUTION, 2, RESOLUTION, 2, RESOLUTION, 2).any((1, 3, 5))
+
+
+def sampled(surface: Surface, count: int, seed: int) -> np.ndarray:
+    """(count, 3) float, area-weighted points. Raises InputError when all faces are degenerate."""
+    corners = surface.vertices[surface.triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    ends = np.cumsum(areas)
+    if not np.isfinite(ends[-1]) or ends[-1] <= 0:
+        raise InputError("the mesh has no area: all its faces are lines or points; export it again")
+    rng = np.random.default_rng(seed)
+    chosen = np.minimum(np.searchsorted(ends, (np.arange(count) + rng.random(count)) / count * ends[-1]), len(ends) - 1)
+    u, v = rng.random((2, count, 1))
+    root = np.sqrt(u)
+    a, b, c = corners[chosen].transpose(1, 0, 2)
+    return (1 - root) * a + root * (1 - v) * b + root * v * c
+
+
+def _voxel_points(grid: np.ndarray) -> np.ndarray:
+    """(n, 3) float, centres of filled voxels with an empty neighbour, in voxel units."""
+    padded = np.pad(grid, 1)
+    inner = scipy.ndimage.binary_erosion(padded)
+    return np.argwhere(padded & ~inner) - 0.5
+
+
+def _cleaned(
+    points: np.ndarray, path: Path, options: ShapeOptions, kind: str, ups: tuple[str, ...]
+) -> tuple[np.ndarray, list[str]]:
+    """Without what is not a number, outliers, a floor, and other objects; and what was left out, in words."""
+    finite = np.isfinite(points).all(1)
+    if (bad := int((~finite).sum())) > len(points) / 2:
+        raise InputError(f"{path}: {bad:,} of {len(points):,} points are not numbers; export it again")
+    points = points[finite]
+    if len(points) < options.least_points:
+        raise InputError(
+            f"{path} has {len(points)} usable points; a shape needs {options.least_points}, better 500 or more"
+        )
+    if np.ptp(points, axis=0).max() <= 0 or (np.ptp(points, axis=0) < 1e-6 * np.ptp(points, axis=0).max()).sum() > 1:
+        raise InputError(f"{path}: all points lie on one line; give the whole surface of the object")
+    said = [f"{bad:,} points that are not numbers are left out"] if bad else []
+    if len(points) > options.samples:
+        points = points[np.random.default_rng(options.seed).permutation(len(points))[: options.samples]]
+    if kind in (Kind.CLOUD, Kind.SPLAT):
+        points = _without_outliers(points, options.outlier, said)
+    points = _without_floor(points, ups, options, said)
+    return _largest(points, said), said
+
+
+def _without_outliers(points: np.ndarray, limit: float, said: list[str]) -> np.ndarray:
+    """Without points that are much farther from their neighbours than is usual; a second look once they are gone."""
+    for _ in range(2):
+        k = min(8, len(points) - 1)
+        reach = cKDTree(points).query(points, k + 1)[0][:, 1:].mean(1)
+        keep = reach <= limit * np.median(reach) + 1e-12
+        if keep.mean() < 0.7:
+            break  # uneven rather than noisy
+        if (gone := int((~keep).sum())) > len(points) / 200:
+            said.append(f"{gone:,} outliers of {len(points):,} points are left out")
+        points = points[keep]
+    return points
+
+
+def _without_floor(points: np.ndarray, ups: tuple[str, ...], options: ShapeOptions, said: list[str]) -> np.ndarray:
+    """Without a flat sheet at an end of y or z that sticks out beyond everything else."""
+    # Not the upper ends: a table's top is such a sheet, too.
+    ends = [options.up] if options.up in AXES else list(ups)
+    for name in ends:
+        axis, sign = "xyz".index(name[-1]), -1 if name[0] == "-" else 1
+        height = sign * points[:, axis]
+        sheet = height - height.min() < 0.015 * np.ptp(points, axis=0).max()
+        others = [i for i in range(3) if i != axis]
+        if not 0.08 < sheet.mean() < 0.9:
+            continue
+        wide, rest = (np.ptp(p[:, others], axis=0) for p in (points[sheet], points[~sheet]))
+        if (wide > options.floor_overhang * rest).all() and (np.percentile(height[~sheet], 90) - height.min()) > 0:
+            said.append(f"a floor under the object ({sheet.mean():.0%} of the points) is left out")
+            return points[~sheet]
+    return points
+
+
+def _largest(points: np.ndarray, said: list[str]) -> np.ndarray:
+    """The largest of several objects that stand clearly apart."""
+    cells = 24
+    low, size = points.min(0), np.ptp(points, axis=0).max()
+    index = np.minimum(((points - low) / size * cells).astype(int), cells - 1)
+    filled = np.zeros((cells,) * 3, bool)
+    filled[tuple(index.T)] = True
+    labels, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(filled, np.ones((3, 3, 3))), np.ones((3, 3, 3)))
+    if count < 2 or len(points) < 200:
+        return points
+    member = labels[tuple(index.T)]
+    sizes = np.bincount(member, minlength=count + 1)
+    if np.sort(sizes)[-2] < 0.15 * len(points):
+        return points
+    said.append(f"{count} separate objects are there; only the largest is reconstructed, give one object a file")
+    return points[member == sizes.argmax()]
+
+
+def _spacing(points: np.ndarray) -> float:
+    some = points[:: max(1, len(points) // 2000)]
+    nearest = cKDTree(points).query(some, 2)[0][:, 1]
+    return float(np.median(nearest) / np.ptp(points, axis=0).max())
