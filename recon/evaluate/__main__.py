@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon.evaluate import chair, table1
+from recon.evaluate import chair, gallery, table1
 from recon.evaluate.rows import print_table, write_json
 from recon.scene import ReconError
 
@@ -25,6 +25,8 @@ def main(argv: list[str] | None = None) -> int:
     _table1_flags(tables.add_parser("table1", help="the paper's Table 1: tasks, baselines, ablations"))
     for command in tables.choices.values():
         command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+    _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
+    for command in tables.choices.values():
         command.add_argument("--work", type=Path, default=WORK, help="intermediate results, kept between runs")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
@@ -82,6 +84,27 @@ def _table1(args: argparse.Namespace) -> int:
         if args.json:
             _add_rows(args.json, [row])
     table1.print_rows(rows, sys.stdout)
+    return 0
+
+
+def _gallery_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; all")
+    parser.add_argument("--out", type=Path, default=gallery.GalleryOptions.out, help="folder of the pictures")
+    parser.add_argument("--grid", choices=table1.GRIDS, default="on", help="held-out shapes on or off the grid")
+    parser.add_argument("--data", type=Path, default=gallery.GalleryOptions.data, help="generated pairs, for the bank")
+    parser.add_argument(
+        "--task4",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="show the search from four outlines; default: when the bank of outlines is there (20 to 60 s to make)",
+    )
+    parser.set_defaults(run=_gallery)
+
+
+def _gallery(args: argparse.Namespace) -> int:
+    options = gallery.GalleryOptions(task4=args.task4, grid=args.grid, out=args.out, data=args.data, work=args.work)
+    for path in gallery.run(args.classes or names(), options):
+        sys.stdout.write(f"{path}\n")
     return 0
 
 
