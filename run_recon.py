@@ -26,6 +26,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
     p.add_argument("--masks", type=Path, help="folder of your own masks: same names as the photos, white = object")
+    p.add_argument("--mask", type=Path, metavar="FILE", help="of one image: white = object")
+    p.add_argument("--box", metavar="X,Y,W,H", help="of one image: pixels round the object, which is then cut out")
+    p.add_argument("--pix3d", type=Path, metavar="FILE", help="of one image: Pix3D's pix3d.json with its camera")
     p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
     p.add_argument("--cameras", type=Path, metavar="PATH", help="known cameras: COLMAP model or transforms.json")
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
@@ -48,34 +51,46 @@ def main(argv: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
     for noisy in ("PIL", "trimesh", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
-    from recon.intrinsics import parse_focal_mm, parse_intrinsics
-    from recon.pipeline import ReconOptions, run
     from recon.scene import ReconError
-    from recon.video import VideoOptions
 
     out = args.out or Path("out") / (args.photos.stem if args.photos.is_file() else args.photos.resolve().name)
     try:
-        options = ReconOptions(
-            class_name=args.class_name,
-            masks=args.masks,
-            height=args.height,
-            seed=args.seed,
-            force=args.force,
-            start=args.start,
-            cameras=args.cameras,
-            intrinsics=parse_intrinsics(args.intrinsics) if args.intrinsics else None,
-            focal_mm=parse_focal_mm(args.focal_mm) if args.focal_mm else None,
-            video=VideoOptions(count=args.frames),
-        )
-        paths = run(args.photos, out, options)
+        report = _reconstructed(args, out)
     except ReconError as error:
         sys.stderr.write(f"error: {error}\n")
         return error.exit_code
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; run the same command again to go on from the last finished stage\n")
         return 130
-    sys.stdout.write(summary(paths.report_json))
+    sys.stdout.write(summary(report))
     return 0
+
+
+def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
+    """Run what fits the input; returns report.json."""
+    from recon import from_image, pipeline
+    from recon.intrinsics import parse_focal_mm, parse_intrinsics
+    from recon.one_mask import parse_box
+    from recon.video import VideoOptions
+
+    lens = {
+        "intrinsics": parse_intrinsics(args.intrinsics) if args.intrinsics else None,
+        "focal_mm": parse_focal_mm(args.focal_mm) if args.focal_mm else None,
+    }
+    both = {"class_name": args.class_name, "height": args.height, "seed": args.seed, **lens}
+    box = parse_box(args.box) if args.box else None
+    if from_image.fits(args.photos, args.mask, box, args.pix3d):
+        options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, **both)
+        return from_image.run(args.photos, out, options).report_json
+    photo_options = pipeline.ReconOptions(
+        masks=args.masks,
+        force=args.force,
+        start=args.start,
+        cameras=args.cameras,
+        video=VideoOptions(count=args.frames),
+        **both,
+    )
+    return pipeline.run(args.photos, out, photo_options).report_json
 
 
 def summary(report: Path) -> str:

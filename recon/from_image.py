@@ -14,6 +14,7 @@ from procmodels import Model, ModelError, load, names
 from procmodels.blender import BlenderMissing, require
 from recon import intrinsics, judge, one_mask, outputs
 from recon.camera_search import CameraSearchOptions, FoundView, OneView, find, first_look, guessed_K
+from recon.inputs import Kind, recognise
 from recon.judge import Verdict
 from recon.one_mask import Masked
 from recon.outputs import OutputPaths, OutputsOptions
@@ -74,6 +75,18 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
         log.info("[3/3] outputs")
         result = _result(masked, view, searched, seconds, options)
         return outputs.run(result, out, options.outputs, searched.model)
+
+
+def fits(path: Path, *of_one_image: object) -> bool:
+    """Whether an input is one image; `of_one_image` are the options that only one image takes, None if not given.
+
+    Raises InputError when such an option is given with another input.
+    """
+    given = any(value is not None for value in of_one_image)
+    one = path.is_file() and recognise(path).kind in (Kind.IMAGE, Kind.MASKS)
+    if given and not one:
+        raise InputError(f"--mask, --box and --pix3d belong to one image, and {path} is not an image file")
+    return one
 
 
 def search(models: list[Model], view: OneView, options: ImageOptions = ImageOptions()) -> Searched:

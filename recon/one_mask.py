@@ -145,8 +145,8 @@ def _grabcut(shot: Frames, box: tuple[float, float, float, float], seed: int) ->
         raise InputError("--box holds the whole image: some background must lie outside it; or give --mask FILE")
     cv2.setRNGSeed(seed)
     cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), 6, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
-    found = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
-    found = cv2.morphologyEx(found, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    inside = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    found = cv2.morphologyEx(inside, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     if not 0.03 < found.sum() / (wide * high) < 0.97:
         raise InputError(f"no object could be told from the background in --box of {shot.names[0]}; give --mask FILE")
     return cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5

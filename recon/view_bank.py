@@ -94,8 +94,9 @@ def _save(bank: Bank, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     names = ("bits", "box", "shape", "azimuth", "elevation", "distance")
+    arrays = {"params": np.array(json.dumps(bank.params)), **{n: getattr(bank, n) for n in names}}
     with partial.open("wb") as file:
-        np.savez(file, params=np.array(json.dumps(bank.params)), **{n: getattr(bank, n) for n in names})  # type: ignore[arg-type]
+        np.savez(file, **arrays)
     partial.replace(path)
 
 
@@ -177,9 +178,8 @@ def cut_to(mask: np.ndarray, box: tuple[float, float, float, float], side: int) 
     """(side, side) bool: the part of a mask in a box, which may reach beyond the mask, stretched to a square."""
     x, y, w, h = box
     scale_x, scale_y = side / w, side / h
-    image = mask.astype(np.float32)
     # Blurred to the target's pixel size first: a plain warp would skip thin legs.
-    image = cv2.blur(image, (max(1, round(1 / scale_x)), max(1, round(1 / scale_y))))
+    image = cv2.blur(mask.astype(np.float32), (max(1, round(1 / scale_x)), max(1, round(1 / scale_y))))
     matrix = np.array([[scale_x, 0, -x * scale_x], [0, scale_y, -y * scale_y]])
     matrix[:, 2] += 0.5 * (matrix[(0, 1), (0, 1)] - 1)
     return cv2.warpAffine(image, matrix, (side, side), flags=cv2.INTER_LINEAR) > 0.4
@@ -189,7 +189,7 @@ def rolled(mask: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
     """The mask turned back by a clockwise roll about its middle (uncut), and the (2, 3) matrix rolled_from_image."""
     height, width = mask.shape
     side = int(np.ceil(np.hypot(height, width)))
-    matrix = cv2.getRotationMatrix2D((width / 2 - 0.5, height / 2 - 0.5), degrees, 1.0)
+    matrix = np.array(cv2.getRotationMatrix2D((width / 2 - 0.5, height / 2 - 0.5), degrees, 1.0), float)
     matrix[:, 2] += ((side - width) / 2, (side - height) / 2)
     turned = cv2.warpAffine(mask.astype(np.uint8), matrix, (side, side), flags=cv2.INTER_NEAREST)
     return turned > 0, matrix
