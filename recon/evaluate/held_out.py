@@ -75,8 +75,15 @@ def bank_path(model: Model, what: str, work: Path) -> Path:
     return work / "banks" / f"{model.name}_{model.space.hash}_{what}.npz"
 
 
-def known_shapes(model: Model, what: str, rays: RayOperator | None, work: Path) -> Bank:
-    """Training shapes as exact grids (what = "grid") or masks at the rays ("paper", "spread"); made once, kept."""
+def known_shapes(model: Model, what: str, rays: RayOperator | None, work: Path, data: Path) -> Bank:
+    """Training shapes as exact grids (what = "grid") or masks at the rays ("paper", "spread"); made once, kept.
+
+    Grids come from the generated pairs in `data` when they are there: the same shapes.
+    """
+    if rays is None and (data / model.name / "manifest.json").is_file():
+        pairs = [read(data / model.name, which, model.space.hash) for which in ("train_on", "train_off")]
+        vectors = np.concatenate([p.vectors[:BANK] for p in pairs])
+        return Bank(torch.from_numpy(vectors), np.concatenate([p.bits[:BANK] for p in pairs]), 64**3)
     path = bank_path(model, what, work)
     if path.is_file():
         with np.load(path, allow_pickle=False) as file:
