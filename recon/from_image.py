@@ -13,9 +13,10 @@ import numpy as np
 from procmodels import Model, ModelError, load, names
 from procmodels.blender import BlenderMissing, require
 from recon import intrinsics, judge, one_mask, outputs
-from recon.camera_search import CameraSearchOptions, FoundView, OneView, find, first_look, guessed_K
+from recon.camera_search import FoundView, find, first_look
 from recon.inputs import Kind, recognise
 from recon.judge import Verdict
+from recon.mask_windows import guessed_K
 from recon.one_mask import Masked
 from recon.outputs import OutputPaths, OutputsOptions
 from recon.pix3d_record import read_camera
@@ -23,6 +24,7 @@ from recon.result import Result
 from recon.scene import Cameras, InputError, Poses, Silhouettes
 from recon.versions import versions
 from recon.view_bank import load_bank
+from recon.view_search import CameraSearchOptions, OneView
 
 log = logging.getLogger("recon")
 AUTO = "auto"
@@ -56,11 +58,15 @@ class Searched:
 
 
 def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> OutputPaths:
-    """Reconstruct the object in an image file, or from a mask file alone, into the folder `out`.
+    """Reconstruct the object in an image file, from a mask file alone or a folder of masks, into the folder `out`.
 
     Raises InputError (the user's input or options) or ReconstructionError (no result possible).
     """
-    models = _models(options)
+    if path.is_dir():
+        from recon import from_masks  # which uses this module
+
+        return from_masks.run(path, out, options)
+    models = usable_models(options)
     with tempfile.TemporaryDirectory(prefix="one-image-") as folder:
         seconds = {}
         started = time.monotonic()
@@ -78,15 +84,16 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
 
 
 def fits(path: Path, *of_one_image: object) -> bool:
-    """Whether an input is one image; `of_one_image` are the options that only one image takes, None if not given.
+    """Whether `run` takes an input; `of_one_image` are the options that only one image takes, None if not given.
 
     Raises InputError when such an option is given with another input.
     """
     given = any(value is not None for value in of_one_image)
-    one = path.is_file() and recognise(path).kind in (Kind.IMAGE, Kind.MASKS)
+    kind = recognise(path).kind if path.exists() else None
+    one = path.is_file() and kind in (Kind.IMAGE, Kind.MASKS)
     if given and not one:
         raise InputError(f"--mask, --box and --pix3d belong to one image, and {path} is not an image file")
-    return one
+    return one or kind == Kind.MASKS
 
 
 def search(models: list[Model], view: OneView, options: ImageOptions = ImageOptions()) -> Searched:
@@ -102,7 +109,7 @@ def search(models: list[Model], view: OneView, options: ImageOptions = ImageOpti
     return Searched(model, found, tuple(sorted(scores.items(), key=lambda s: -s[1])))
 
 
-def _models(options: ImageOptions) -> list[Model]:
+def usable_models(options: ImageOptions) -> list[Model]:
     """The models to try. Raises InputError for unusable options."""
     if options.height is not None and not 0.01 <= options.height <= 100:
         raise InputError(f"--height is in metres, from 0.01 to 100; got {options.height:g}")

@@ -14,12 +14,13 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from nnproc.rays import look_at_cameras
 from procmodels import Model
+from procmodels.shape import Shape
 from procmodels.space import Params
+from recon.mask_windows import Box, cut_to, mask_box, rolled, touching
 from recon.raster import silhouettes
 from recon.store import code_version, digest
 
@@ -70,7 +71,7 @@ class Hit:
     entry: int
     score: float
     roll: float
-    box: tuple[float, float, float, float]
+    box: Box
 
 
 def load_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0, cache: Path | None = None) -> Bank:
@@ -103,24 +104,40 @@ def _save(bank: Bank, path: Path) -> None:
 def make_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0) -> Bank:
     """Draw the bank: every shape in a ring of azimuths at each elevation."""
     rng = np.random.default_rng(seed)
-    azimuths = np.arange(0, 360, options.azimuth_step)
     params, rows = [], []
     for i in range(options.shapes):
-        p = _plain(_spread_sample(model, i, options.shapes, rng))
-        shape = model.build(p)
-        params.append(p)
-        distance = options.distances[i % len(options.distances)]
-        mirrored = _mirrored(shape.vertices())
-        ring = azimuths[azimuths <= 180] if mirrored else azimuths
+        params.append(_plain(_spread_sample(model, i, options.shapes, rng)))
         tilt = np.array(options.elevations) + rng.uniform(-options.jitter, options.jitter, len(options.elevations))
-        azimuth, elevation = (a.ravel() for a in np.meshgrid(ring, tilt))
-        fov = np.degrees(2 * np.arctan(0.85 / (distance - 0.35)))
-        K, poses = (
-            t.numpy() for t in look_at_cameras(azimuth.tolist(), elevation.tolist(), distance, fov, options.render)
-        )
-        drawn = silhouettes(shape, K, poses, np.full((len(K), 2), options.render))
-        for mask, k, az, el in zip(drawn, K, azimuth, elevation, strict=True):
-            rows += _entries(mask, k, options.side, mirrored and 0 < az < 180, (i, az, el, distance))
+        distance = options.distances[i % len(options.distances)]
+        rows += _ring(model.build(params[i]), tilt, i, distance, options)
+    return _bank(params, rows)
+
+
+def shape_bank(model: Model, params: Params, options: BankOptions = BankOptions()) -> Bank:
+    """A bank of one shape alone, for when only the camera is sought."""
+    tilt, middle = np.array(options.elevations), options.distances[len(options.distances) // 2]
+    return _bank([params], _ring(model.build(params), tilt, 0, middle, options))
+
+
+_Row = tuple[np.ndarray, np.ndarray, tuple[float, ...]]  # bits, box, (shape, azimuth, elevation, distance)
+
+
+def _ring(shape: Shape, tilt: np.ndarray, index: int, distance: float, options: BankOptions) -> list[_Row]:
+    """A shape's views from all azimuths at each elevation of `tilt`."""
+    azimuths = np.arange(0, 360, options.azimuth_step)
+    mirrored = _mirrored(shape.vertices())
+    ring = azimuths[azimuths <= 180] if mirrored else azimuths
+    azimuth, elevation = (a.ravel() for a in np.meshgrid(ring, tilt))
+    fov = np.degrees(2 * np.arctan(0.85 / (distance - 0.35)))
+    K, poses = (t.numpy() for t in look_at_cameras(azimuth.tolist(), elevation.tolist(), distance, fov, options.render))
+    rows = []
+    drawn = silhouettes(shape, K, poses, np.full((len(K), 2), options.render))
+    for mask, k, az, el in zip(drawn, K, azimuth, elevation, strict=True):
+        rows += _entries(mask, k, options.side, mirrored and 0 < az < 180, (index, az, el, distance))
+    return rows
+
+
+def _bank(params: list[Params], rows: list[_Row]) -> Bank:
     bits, boxes, facts = (np.array(c) for c in zip(*rows, strict=True))
     return Bank(tuple(params), bits, boxes, facts[:, 0].astype(int), facts[:, 1], facts[:, 2], facts[:, 3])
 
@@ -148,9 +165,7 @@ def _mirrored(vertices: np.ndarray) -> bool:
     return bool(np.allclose(here[np.lexsort(here.T)], flipped[np.lexsort(flipped.T)], atol=1e-3))
 
 
-def _entries(
-    mask: np.ndarray, K: np.ndarray, side: int, mirror: bool, facts: tuple[float, ...]
-) -> list[tuple[np.ndarray, np.ndarray, tuple[float, ...]]]:
+def _entries(mask: np.ndarray, K: np.ndarray, side: int, mirror: bool, facts: tuple[float, ...]) -> list[_Row]:
     """(bits, box, facts) of a drawn mask, and of its mirror image, which shows the shape from the other side."""
     found = mask_box(mask)
     if found is None:
@@ -164,35 +179,6 @@ def _entries(
         other = np.array([-box[0] - box[2], *box[1:]])
         out.append((np.packbits(cut[:, ::-1]), other, (i, 360 - azimuth, elevation, distance)))
     return out
-
-
-def mask_box(mask: np.ndarray) -> tuple[float, float, float, float] | None:
-    """Left, top, width, height of the object in a mask (H, W) bool; None when it is empty."""
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    if not len(rows):
-        return None
-    return float(columns[0]), float(rows[0]), float(np.ptp(columns) + 1), float(np.ptp(rows) + 1)
-
-
-def cut_to(mask: np.ndarray, box: tuple[float, float, float, float], side: int) -> np.ndarray:
-    """(side, side) bool: the part of a mask in a box, which may reach beyond the mask, stretched to a square."""
-    x, y, w, h = box
-    scale_x, scale_y = side / w, side / h
-    # Blurred to the target's pixel size first: a plain warp would skip thin legs.
-    image = cv2.blur(mask.astype(np.float32), (max(1, round(1 / scale_x)), max(1, round(1 / scale_y))))
-    matrix = np.array([[scale_x, 0, -x * scale_x], [0, scale_y, -y * scale_y]])
-    matrix[:, 2] += 0.5 * (matrix[(0, 1), (0, 1)] - 1)
-    return cv2.warpAffine(image, matrix, (side, side), flags=cv2.INTER_LINEAR) > 0.4
-
-
-def rolled(mask: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
-    """The mask turned back by a clockwise roll about its middle (uncut), and the (2, 3) matrix rolled_from_image."""
-    height, width = mask.shape
-    side = int(np.ceil(np.hypot(height, width)))
-    matrix = np.array(cv2.getRotationMatrix2D((width / 2 - 0.5, height / 2 - 0.5), degrees, 1.0), float)
-    matrix[:, 2] += ((side - width) / 2, (side - height) / 2)
-    turned = cv2.warpAffine(mask.astype(np.uint8), matrix, (side, side), flags=cv2.INTER_NEAREST)
-    return turned > 0, matrix
 
 
 def search(bank: Bank, mask: np.ndarray, inside: np.ndarray, options: BankOptions, keep: np.ndarray) -> list[Hit]:
@@ -217,9 +203,7 @@ def search(bank: Bank, mask: np.ndarray, inside: np.ndarray, options: BankOption
     return sorted(best.values(), key=lambda h: (-h.score, h.entry))
 
 
-def _boxes(
-    turned: np.ndarray, mask: np.ndarray, inside: np.ndarray, options: BankOptions
-) -> list[tuple[float, float, float, float]]:
+def _boxes(turned: np.ndarray, mask: np.ndarray, inside: np.ndarray, options: BankOptions) -> list[Box]:
     """The rolled mask's box, and larger ones where the photo's edge cuts the object off."""
     box = mask_box(turned)
     if box is None:
@@ -231,18 +215,6 @@ def _boxes(
         left, top, right, bottom = (share * t for t in touches)
         out.append((x - left * w, y - top * h, w * (1 + left + right), h * (1 + top + bottom)))
     return out
-
-
-def touching(mask: np.ndarray, inside: np.ndarray) -> tuple[bool, bool, bool, bool]:
-    """Whether the object reaches the photo's left, top, right, bottom edge over more than a point."""
-    found, frame = mask_box(mask), mask_box(inside)
-    if found is None or frame is None:
-        return False, False, False, False
-    x, y, w, h = (int(v) for v in frame)
-    edges = (mask[:, x], mask[y], mask[:, x + w - 1], mask[y + h - 1])
-    sides = (found[3], found[2], found[3], found[2])
-    left, top, right, bottom = (bool(e.sum() > 0.02 * s + 1) for e, s in zip(edges, sides, strict=True))
-    return left, top, right, bottom
 
 
 def _scores(bank: Bank, index: np.ndarray, target: np.ndarray, valid: np.ndarray) -> np.ndarray:

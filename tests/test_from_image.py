@@ -10,13 +10,15 @@ from PIL import Image
 
 from nnproc.rays import look_at_cameras
 from recon import from_image, one_mask, pix3d_record
-from recon.camera_search import CameraSearchOptions, OneView, find, guessed_K
+from recon.camera_search import find
 from recon.evaluate import pix3d_dev
+from recon.mask_windows import guessed_K, touching
 from recon.outputs import OutputsOptions
 from recon.raster import iou, silhouettes
 from recon.refine import RefineOptions
 from recon.scene import InputError
-from recon.view_bank import BankOptions, load_bank, search, touching
+from recon.view_bank import BankOptions, load_bank, search
+from recon.view_search import CameraSearchOptions, OneView
 
 CHAIR = {"width": 0.62, "depth": 0.47, "leg_height": 0.41, "legs": "basic", "arms": "solid", "back": "hbar"}
 SIZE = (320, 240)

@@ -22,14 +22,16 @@ import numpy as np
 import trimesh
 
 from procmodels import Model, load
-from recon.camera_search import CameraSearchOptions, FoundView, OneView, find, guessed_K
+from recon.camera_search import FoundView, find
 from recon.evaluate.metrics import chamfer
 from recon.evaluate.rows import Row, print_table
 from recon.evaluate.scenes import read_mask
+from recon.mask_windows import guessed_K, mask_box
 from recon.pix3d_record import PIX3D_FROM_CANONICAL
 from recon.raster import iou, silhouettes
 from recon.scene import Cameras, ReconError, cam_from_canonical
-from recon.view_bank import load_bank, mask_box
+from recon.view_bank import load_bank
+from recon.view_search import CameraSearchOptions, OneView
 
 SIDE = 1000  # px, longest side that masks are reduced to
 AIMS = {"iou": ">= 0.8", "d_chamfer": "<= 0.015"}
