@@ -165,9 +165,10 @@ def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> No
     network.load_state_dict(state)
     path = WEIGHTS / f"{class_name}.safetensors"
     card = json.loads(path.with_suffix(".json").read_text())
-    command = f"python -m nnproc.finish {class_name} --seed {options.seed}"
+    command = f"python -m nnproc.finish {class_name} --seed {options.seed} --on-grid-share {options.on_grid_share}"
+    command += f" --decode-steps {options.decode_steps} --encode-steps {options.encode_steps}"
     if len(minutes) < len(HALVES):
-        command += f" --half {next(iter(minutes))} --on-grid-share {options.on_grid_share}"
+        command += f" --half {next(iter(minutes))}"
     card |= {
         "finish": [*card.get("finish", []), {"command": command, "options": asdict(options), "minutes": minutes}],
         # Side by side on two cores, a finish takes as long as its slower half.
@@ -186,19 +187,27 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, help="checkpoints (default .cache/finish/CLASS_SEED)")
     parser.add_argument("--seed", type=int, default=1, help="another seed for another round")
     parser.add_argument("--on-grid-share", type=float, default=FinishOptions.on_grid_share)
+    parser.add_argument("--decode-steps", type=int, default=FinishOptions.decode_steps)
+    parser.add_argument("--encode-steps", type=int, default=FinishOptions.encode_steps)
     parser.add_argument("--half", choices=(*HALVES, "merge"), help="only this part (default: both, then merge)")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     data = args.data or Path(".cache/data") / args.class_name
     work = args.work or Path(".cache/finish") / f"{args.class_name}_{args.seed}"
-    options = FinishOptions(seed=args.seed, on_grid_share=args.on_grid_share)
+    options = FinishOptions(
+        seed=args.seed,
+        on_grid_share=args.on_grid_share,
+        decode_steps=args.decode_steps,
+        encode_steps=args.encode_steps,
+    )
     try:
         if args.half in HALVES:
             finish_half(args.class_name, args.half, data, work, options)
             return 0
         if args.half is None:
             own = [sys.executable, "-m", "nnproc.finish", args.class_name, "--data", str(data), "--work", str(work)]
-            own += ["--seed", str(args.seed), "--on-grid-share", str(args.on_grid_share)]
+            for flag in ("seed", "on_grid_share", "decode_steps", "encode_steps"):
+                own += [f"--{flag.replace('_', '-')}", str(getattr(options, flag))]
             halves = [subprocess.Popen([*own, "--half", half]) for half in HALVES]
             if any([p.wait() for p in halves]):
                 raise ValueError("a half failed; its message stands above")
