@@ -62,10 +62,15 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--grid", action="append", choices=table1.GRIDS, help="on- or off-grid shapes; both")
     parser.add_argument("--variant-steps", type=int, default=options.variant_steps, help="training steps of ablations")
     parser.add_argument("--data", type=Path, default=options.data, help="generated pairs, for training the ablations")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the README's table of FILE")
     parser.set_defaults(run=_table1)
 
 
 def _table1(args: argparse.Namespace) -> int:
+    if args.show:
+        rows = [table1.Table1Row.from_json(r) for r in json.loads(args.show.read_text())]
+        sys.stdout.write(table1.compact(rows))
+        return 0
     defaults = table1.Table1Options()
     if not 2 <= args.shapes <= 300:
         raise ValueError(f"--shapes {args.shapes}: 2 to 300 shapes are held out of each class")

@@ -45,6 +45,15 @@ PAPER_FIGURES = {
     "bed": {"spread": 0.014, "1": 0.23, "2": 0.0004, "3": 0.0015, "4 paper": 0.0109},
 }
 
+TASK_NAMES = {
+    "spread": "random pairs: D_chamfer, D_voxel",
+    "1": "1 parameters to grid, D_voxel",
+    "2": "2 grid to parameters",
+    "3": "3 by search",
+    "4 paper": "4 four masks, the paper's cameras",
+    "4 spread": "4 four masks, cameras all round",
+}
+
 
 @dataclass(frozen=True)
 class Table1Options:
@@ -74,6 +83,12 @@ class Table1Row:
     discrete_accuracy: float | None = None
     scalar_error: float | None = None
     seconds: float | None = None
+
+    @staticmethod
+    def from_json(values: dict) -> Table1Row:
+        """The inverse of as_json."""
+        rest = {k: v for k, v in values.items() if k != "class"}
+        return Table1Row(values["class"], **rest)
 
     def as_json(self) -> dict:
         """The row as written to files: `class` for class_name."""
@@ -218,6 +233,42 @@ def markdown(rows: list[Table1Row]) -> str:
         cells += [_percent(r.discrete_accuracy), _percent(r.scalar_error), _number(r.seconds, 4)]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def compact(rows: list[Table1Row]) -> str:
+    """A line a class and task, for the README: our on- and off-grid figures beside the paper's, and other methods'."""
+    names = [
+        "class",
+        "task",
+        "ours, on-grid",
+        "ours, off-grid",
+        "floor",
+        "paper",
+        "discrete right on / off",
+        "s a shape",
+    ]
+    lines = ["| " + " | ".join([*names, "other methods, on-grid"]) + " |", "|" + "---|" * (len(names) + 1)]
+    found = {(r.class_name, r.task, r.method, r.grid): r for r in rows}
+    for class_name, task in dict.fromkeys((r.class_name, r.task) for r in rows):
+        own = "spread" if task == "spread" else "ours"
+        on, off = (found.get((class_name, task, own, grid)) for grid in GRIDS)
+        if on is None:
+            continue
+        others = [r for r in rows if (r.class_name, r.task, r.grid) == (class_name, task, "on") and r.method != own]
+        right = " / ".join(_percent(r.discrete_accuracy) for r in (on, off) if r is not None and r.discrete_accuracy)
+        cells = [class_name, TASK_NAMES[task], _figure(on), "" if off is None else _figure(off), _number(on.floor, 5)]
+        cells += [f"{PAPER_FIGURES[class_name][task]:g}" if task in PAPER_FIGURES.get(class_name, {}) else ""]
+        cells += [right, _number(on.seconds, 3), "; ".join(f"{r.method} {_figure(r)}" for r in others)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _figure(row: Table1Row) -> str:
+    """The figure of a row's task with the number of shapes it is the mean of."""
+    if row.task == "spread":
+        return f"{_number(row.d_chamfer, 4)}, {_number(row.d_voxel, 2)} % ({row.shapes})"
+    value = f"{_number(row.d_voxel, 3)} %" if row.d_chamfer is None else _number(row.d_chamfer, 5)
+    return f"{value} ({row.shapes})"
 
 
 def _number(value: float | None, digits: int) -> str:
