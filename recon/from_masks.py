@@ -119,7 +119,8 @@ class Joint:
 def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneView], list[str]]:
     """The masks with what is known of their lenses, and warnings."""
     held = intrinsics.held(shot, options.intrinsics, options.focal_mm)
-    views, warnings = [], []
+    views: list[OneView] = []
+    warnings: list[str] = []
     for i, (name, size) in enumerate(zip(shot.names, shot.sizes, strict=True)):
         try:
             mask, notes = one_mask.checked(read_mask(folder / name, (int(size[0]), int(size[1]))), name)

@@ -6,6 +6,7 @@ object moves away as the focal length grows, so that only the perspective change
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -245,7 +246,7 @@ class ViewSearch(_Search):
                 out.append(state)
         return out
 
-    def other_cameras(self, best: _State, others: list[_State]) -> list[tuple[str, float]]:
+    def other_cameras(self, best: _State, others: Sequence[_State]) -> list[tuple[str, float]]:
         """(description, IoU) of the finalists that are seen from elsewhere."""
         out, (azimuth, _) = [], self.direction(best)
         for state in others:

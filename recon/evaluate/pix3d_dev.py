@@ -100,7 +100,7 @@ def _distance(model: Model, found: FoundView, file: Path) -> tuple[float | None,
     """D_chamfer to the true model after the best quarter turn, and that turn."""
     if not file.is_file():
         return None, None
-    truth = trimesh.load(file, force="mesh", process=False)
+    truth = trimesh.load_mesh(file, process=False)
     upright = trimesh.Trimesh(truth.vertices @ PIX3D_FROM_CANONICAL, truth.faces, process=False)
     ours = model.build(found.refined.params).to_trimesh()
     scores = []
