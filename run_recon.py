@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 
 def parser() -> argparse.ArgumentParser:
@@ -20,8 +21,13 @@ def parser() -> argparse.ArgumentParser:
     from procmodels import names
 
     p = argparse.ArgumentParser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
-    photos = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras"
-    p.add_argument("photos", type=Path, help=photos)
+    photos = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras; "
+    p.add_argument("photos", type=Path, metavar="INPUT", help=photos + "a mesh, point cloud, splat or voxel grid")
+    p.add_argument(
+        "--input", metavar="KIND", help="what INPUT is, when it is taken for something else: mesh, cloud, ..."
+    )
+    p.add_argument("--up", default="auto", help="axis of a shape's file that points up: x, y, z, -x, -y, -z (auto)")
+    p.add_argument("--front", default="auto", help="axis of a shape's file that the object faces (auto)")
     classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file (default chair)"
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
@@ -68,11 +74,16 @@ def main(argv: list[str] | None = None) -> int:
 
 def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
     """Run what fits the input; returns report.json."""
-    from recon import from_image, pipeline
+    from recon import from_image, inputs, pipeline, shape_pipeline
     from recon.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.one_mask import parse_box
     from recon.video import VideoOptions
 
+    seen = inputs.recognise(args.photos, args.input)
+    if seen.kind in inputs.SHAPES:
+        stands = shape_pipeline.ShapeOptions(up=args.up, front=args.front)
+        asked = shape_pipeline.ShapeRunOptions(args.class_name, args.height, args.seed, stands)
+        return shape_pipeline.run(args.photos, out, seen, asked).report_json
     lens = {
         "intrinsics": parse_intrinsics(args.intrinsics) if args.intrinsics else None,
         "focal_mm": parse_focal_mm(args.focal_mm) if args.focal_mm else None,
@@ -103,12 +114,19 @@ def summary(report: Path) -> str:
     lines = [
         *([tried(classes)] if classes else []),
         f"{r['class']}: {values}",
-        f"outlines agree by {r['mean_iou']:.3f} (mean IoU), {r['registered']['n']} of {r['registered']['of']} photos "
-        f"registered, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",
+        f"{_agreement(r)}, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",
         *(f"warning: {w}" for w in r["warnings"]),
         f"results: {report.parent} (start with report.html)",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _agreement(r: dict[str, Any]) -> str:
+    """How well the result explains the input, from the content of report.json."""
+    if "distance" in r:
+        return f"D_chamfer {r['distance']:.5f} to {r['input']['what']} ({r['input']['stands']})"
+    score = "no photo is used" if r["mean_iou"] is None else f"outlines agree by {r['mean_iou']:.3f} (mean IoU)"
+    return f"{score}, {r['registered']['n']} of {r['registered']['of']} photos registered"
 
 
 if __name__ == "__main__":

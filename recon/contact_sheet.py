@@ -112,7 +112,8 @@ def draw(tiles: list[Tile], renders: list[np.ndarray], title: str, sentence: str
         pen.text((MARGIN, MARGIN + 56 + 30 * i), line, INK, _font(22))
     for i, render in enumerate(renders):
         sheet.paste(Image.fromarray(render).resize((side, side), Image.Resampling.LANCZOS), _at(i, side, head))
-    _legend(pen, head + side + 22)
+    if any(tile.iou is not None for tile in tiles):
+        _legend(pen, head + side + 22)
     for i, tile in enumerate(tiles):
         x, y = _at(i % COLUMNS, cell, head + side + 64 + i // COLUMNS * (cell_height + CAPTION + GAP))
         _paste_tile(sheet, pen, tile, (x, y, cell, cell_height))

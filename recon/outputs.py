@@ -24,7 +24,7 @@ from procmodels import Model
 from procmodels.export import Asset, export_glb, export_obj, save_blend
 from procmodels.shape import Shape
 from procmodels.space import Choice, Integer, Scalar
-from recon import camera_files, contact_sheet, report
+from recon import camera_files, contact_sheet, report, shape_pictures
 from recon.result import Result
 from recon.scene import InputError
 from recon.shade import render_previews
@@ -74,6 +74,8 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
         size = (options.render_size, options.render_size)
         renders = render_previews(asset.shape, options.renders, size)
         tiles = contact_sheet.tiles(result, asset.shape, options.thumbnail)
+        if result.shape is not None:
+            tiles += shape_pictures.tiles(result.shape, asset.shape, options.renders, options.thumbnail)
         text = report.words(result, asset)
         sheet = contact_sheet.draw(tiles, renders, text.title, text.sentence)
         cv2.imwrite(str(fresh / "contact_sheet.png"), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
@@ -101,6 +103,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         "class": result.class_name,
         "classes": [{"class": name, "iou": round(score, 4)} for name, score in result.classes],
         "params": _plain(result.params),
+        **_about_shape(result),
         "mean_iou": round(float(result.view_iou[used].mean()), 4) if used.any() else None,
         "confidence": round(result.confidence, 4),
         "explanation": result.explanation,
@@ -117,6 +120,15 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         "seed": result.seed,
         "versions": result.versions,
     }
+
+
+def _about_shape(result: Result) -> dict[str, Any]:
+    """What is said about an input that is a shape."""
+    if (met := result.shape) is None:
+        return {}
+    others = [{"what": what, "distance": round(distance, 6)} for what, distance in met.alternatives]
+    about = {"kind": met.kind, "what": met.what, "stands": met.stands, "points": len(met.points)}
+    return {"input": about, "distance": round(met.distance, 6), "runners_up": others}
 
 
 def params_content(result: Result, asset: Asset) -> dict[str, Any]:

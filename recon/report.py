@@ -47,6 +47,10 @@ def words(result: Result, asset: Asset) -> Words:
     if used:
         score = float(result.view_iou[result.silhouettes.used].mean())
         text += f"{used} of {given} photos used; mean outline agreement {score:.2f}: {verdict(score)}."
+    if (met := result.shape) is not None:
+        apart = 100 * (met.distance / 2) ** 0.5
+        text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
+        return Words(f"{_spaced(result.class_name).capitalize()} from {met.what}", text)
     if result.classes:
         text += f" No class was named: {tried(result.classes)}."
     return Words(f"{_spaced(result.class_name).capitalize()} from {given} photos", text.strip())
@@ -67,6 +71,7 @@ def page(
     """The HTML. `facts` is the content of report.json."""
     ranked = sorted(tiles, key=lambda t: (not t.used, -(t.iou or 0)))
     confidence = facts["confidence"]
+    seen = "Input, from the same sides" if "input" in facts else "Photos, best first"
     body = [
         f"<header><h1>{escape(text.title)}</h1><p class=lead>{escape(text.sentence)}</p></header>",
         f"<div class=renders>{''.join(_picture(r, f'result, view {i + 1}', 92) for i, r in enumerate(renders))}</div>",
@@ -76,7 +81,7 @@ def page(
         f"<section><h2>Parameters</h2>{_parameters(asset, facts['params'])}</section>",
         f"<section><h2>Files</h2>{_files(files)}{_alternatives(facts)}</section>",
         "</div>",
-        f"<section><h2>Photos, best first</h2>{_legend()}",
+        f"<section><h2>{seen}</h2>{_legend(facts)}",
         f"<div class=views>{''.join(map(_view, ranked))}</div></section>",
         f"<div class=columns><section><h2>Seconds</h2>{_seconds(facts['seconds'])}</section>",
         f"<section><h2>Versions</h2>{_versions(facts)}</section></div>",
@@ -166,7 +171,9 @@ def _picture(image: np.ndarray, text: str, quality: int) -> str:
     return f'<img src="{source}" width={width} height={height} alt="{escape(text)}">'
 
 
-def _legend() -> str:
+def _legend(facts: dict[str, Any]) -> str:
+    if "input" in facts:
+        return ""
     pairs = ((MASK_COLOUR, "outline found in the photo"), (RESULT_COLOUR, "outline of the result"))
     keys = [f'<span><i style="background:rgb{c}"></i>{t}</span>' for c, t in pairs]
     return f"<p class=legend>{''.join(keys)}<span>number: intersection over union, 1 is perfect</span></p>"
@@ -182,6 +189,9 @@ def _files(files: list[str]) -> str:
 
 
 def _alternatives(facts: dict[str, Any]) -> str:
+    if others := facts.get("runners_up"):
+        rows = [f"<tr><th>{escape(o['what'])}</th><td>{o['distance']:.4f}</td></tr>" for o in others[:8]]
+        return f"<h2>Runners-up, by distance</h2><table>{''.join(rows)}</table>"
     if not facts["alternatives"]:
         return ""
     best = [f"<tr><th>{escape(a['what'])}</th><td>{a['iou']:.3f}</td></tr>" for a in facts["alternatives"][:8]]

@@ -11,6 +11,25 @@ from recon.scene import Canonical, Frames, Poses, Silhouettes
 
 
 @dataclass(frozen=True)
+class ShapeEvidence:
+    """What a result was fitted to when the input was a shape instead of views.
+
+    kind, what    of the input ("mesh", "a mesh of 372 faces")
+    stands        which of the file's axes point up and to the front, in words
+    distance      D_chamfer between the result where it stands and the input's points, canonical units squared
+    points        (n, 3) float, the input's surface points in the result's canonical frame
+    alternatives  (words, distance) of runners-up, best first
+    """
+
+    kind: str
+    what: str
+    stands: str
+    distance: float
+    points: np.ndarray
+    alternatives: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
 class Result:
     """Everything that the last stage writes down.
 
@@ -22,6 +41,7 @@ class Result:
     height_m      real height of the object in metres, None when it was not given
     versions      of the packages that made it
     classes       (name, mean IoU) of every class tried, best first; empty when the class was named
+    shape         what was met when the input was a shape; there are no views then
     """
 
     class_name: str
@@ -40,6 +60,7 @@ class Result:
     height_m: float | None
     versions: dict[str, str]
     classes: tuple[tuple[str, float], ...] = ()
+    shape: ShapeEvidence | None = None
 
     def __post_init__(self) -> None:
         n = len(self.poses.cameras)

@@ -44,6 +44,23 @@ def render_previews(
     return [_render(shape, tracer, np.radians(azimuth), size, options) for azimuth in azimuths]
 
 
+def view(
+    points: np.ndarray, azimuth: float, size: tuple[int, int], options: ShadeOptions = ShadeOptions()
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """A picture's camera, `azimuth` radians round Z: eye (3,), axes (3, 3) x, y (down), z (forward), focal length in
+    pixels and the plane's place (2,) in the picture's middle, so that the points (n, 3) fill the (width, height).
+    """
+    elevation = np.radians(options.elevation)
+    away = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    eye = EYE_DISTANCE * away
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    axes = np.stack([right, np.cross(-away, right), -away])
+    seen = (points - eye) @ axes.T
+    plane = seen[:, :2] / seen[:, 2:]
+    low, high = plane.min(0), plane.max(0)
+    return eye, axes, FILL * float(min(size / (high - low))), (low + high) / 2
+
+
 class _Tracer:
     """The shape's triangles in open3d's ray caster."""
 
@@ -89,17 +106,8 @@ def _render(
     """One picture, from `azimuth` radians round Z."""
     s = options.supersample
     width, height = size[0] * s, size[1] * s
-    elevation = np.radians(options.elevation)
-    away = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
-    eye = EYE_DISTANCE * away
-    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    axes = np.stack([right, np.cross(-away, right), -away])  # the camera's x, y (down) and z (forward)
-
-    # Focal length and principal point, so that the object fills the picture.
-    seen = (shape.vertices() - eye) @ axes.T
-    plane = seen[:, :2] / seen[:, 2:]
-    low, high = plane.min(0), plane.max(0)
-    focal = FILL * min(width / (high - low)[0], height / (high - low)[1])
+    eye, axes, focal, middle = view(shape.vertices(), azimuth, (width, height), options)
+    away, right = eye / EYE_DISTANCE, axes[0]
     sun = options.sun[0] * right - options.sun[1] * away * (1, 1, 0) + (0, 0, options.sun[2])
     lamps = _lamps(_unit(sun), s * s, options)
 
@@ -107,8 +115,8 @@ def _render(
     rows, columns = np.indices(shape_hw)
     solid, light, floor = np.zeros((3, *shape_hw))
     for i, lamp in enumerate(lamps):
-        x = (columns * s + i % s + 0.5 - width / 2) / focal + (low + high)[0] / 2
-        y = (rows * s + i // s + 0.5 - height / 2) / focal + (low + high)[1] / 2
+        x = (columns * s + i % s + 0.5 - width / 2) / focal + middle[0]
+        y = (rows * s + i // s + 0.5 - height / 2) / focal + middle[1]
         directions = _unit(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ axes)
         layers = _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp)
         for total, layer in zip((solid, light, floor), layers, strict=True):

@@ -147,7 +147,7 @@ def read_mesh(path: Path) -> Surface:
 
     try:
         loaded = trimesh.load_scene(path, file_type=mesh_format(path), process=False, skip_materials=True)
-        meshes = [g for g in loaded.dump(concatenate=False) if isinstance(g, trimesh.Trimesh)]
+        meshes: list[Any] = [g for g in loaded.dump(concatenate=False) if isinstance(g, trimesh.Trimesh)]
     except Exception as error:  # a reader of other people's files may fail in any way
         raise InputError(f"{path} is a damaged mesh ({type(error).__name__}: {error}); export it again") from error
     vertices = [np.asarray(m.vertices, float).reshape(-1, 3) for m in meshes]
@@ -217,8 +217,9 @@ def _trimesh_points(path: Path, form: str) -> np.ndarray:
     import trimesh
 
     try:
-        scene = trimesh.load_scene(path, file_type=form, process=False, skip_materials=True)
-        return np.concatenate([np.asarray(g.vertices, float) for g in scene.dump(concatenate=False)])
+        loaded = trimesh.load_scene(path, file_type=form, process=False, skip_materials=True)
+        pieces: Any = loaded.dump(concatenate=False)
+        return np.concatenate([np.asarray(g.vertices, np.float64) for g in pieces])
     except Exception as error:  # as above
         raise InputError(f"{path} is damaged ({type(error).__name__}: {error}); export it again") from error
 
@@ -227,7 +228,7 @@ def _pcd(path: Path) -> np.ndarray:
     import open3d as o3d
 
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        points = np.asarray(o3d.io.read_point_cloud(str(path), format="pcd").points, float)
+        points = np.asarray(o3d.io.read_point_cloud(path, format="pcd").points, np.float64)
     if not len(points):
         raise InputError(f"{path} is a PCD file without readable points: empty, or cut short; export it again")
     return points

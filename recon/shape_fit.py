@@ -16,8 +16,8 @@ from nnproc.infer import WeightsError, load_network, params_from_grids
 from procmodels import Model
 from procmodels.space import Params
 from recon.scene import Canonical
-from recon.shape_score import Body, Score
-from recon.shapes import Hypothesis, Target, grid_of, hypotheses
+from recon.shape_score import Body, Places, Score
+from recon.shapes import Hypothesis, Target, grids_of, hypotheses
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _starts(search: _Search) -> tuple[list[_State], bool]:
     guesses: list[list[Params]] = [[] for _ in ways]
     network = True
     try:
-        answers = params_from_grids(load_network(model.space), np.stack([grid_of(search.target, w) for w in ways]))
+        answers = params_from_grids(load_network(model.space), grids_of(search.target, ways))
         guesses = [[a] for a in answers]
     except WeightsError:
         network = False
@@ -177,7 +177,7 @@ class _Search:
         score, body = self.score(state.way), self.body(state)
         return float(np.square(self._residuals(state, score, score.places(body))).sum())
 
-    def _residuals(self, state: _State, score: Score, places) -> np.ndarray:  # type: ignore[no-untyped-def]
+    def _residuals(self, state: _State, score: Score, places: Places) -> np.ndarray:
         if not self.free:
             return score.residuals(self.body(state), places)
         main = score.residuals(self.body(state), places, _matrix(state.move))

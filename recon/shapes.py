@@ -72,7 +72,7 @@ class Hypothesis:
 
 def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()) -> Target:
     """Read and clean. Raises InputError saying what is wrong with the file and what to do."""
-    triangles = np.zeros((0, 3, 3))
+    triangles, ups = np.zeros((0, 3, 3)), ("z", "y")  # type: tuple[np.ndarray, tuple[str, ...]]
     if kind == Kind.MESH:
         surface = read_mesh(path)
         points = sampled(surface, options.samples, options.seed)
@@ -80,10 +80,9 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
             triangles = surface.vertices[surface.triangles]
         ups = ("z", "y") if mesh_format(path).startswith("stl") else ("y", "z")
     elif kind == Kind.VOXELS:
-        points, ups = _voxel_points(read_voxels(path)), ("z", "y")
+        points = _voxel_points(read_voxels(path))
     else:
         points = read_splat(path, options.opacity) if kind == Kind.SPLAT else read_cloud(path)
-        ups = ("z", "y")
         if kind == Kind.SPLAT:
             ups = ("z", "y", "-y")  # splats keep the cameras' axes: y down
     clean, warnings = _cleaned(points, path, options, kind, ups)
@@ -152,6 +151,25 @@ def grid_of(target: Target, hypothesis: Hypothesis) -> np.ndarray:
     depth = scipy.ndimage.distance_transform_edt(ball) / (2 * RESOLUTION)
     core = (depth > 0.75 * radius) | fine
     return core.reshape(RESOLUTION, 2, RESOLUTION, 2, RESOLUTION, 2).any((1, 3, 5))
+
+
+def grids_of(target: Target, ways: list[Hypothesis]) -> np.ndarray:
+    """(len(ways), 64, 64, 64) bool; one grid is made, and its axes are exchanged for all other ways to stand."""
+    first = grid_of(target, ways[0])
+    turn = _turn_of(ways[0])
+    out = []
+    for way in ways:
+        relative = np.rint(_turn_of(way) @ turn.T).astype(int)
+        order = np.abs(relative).argmax(1)
+        flipped = [i for i in range(3) if relative[i, order[i]] < 0]
+        out.append(np.flip(first.transpose(order), flipped))
+    return np.stack(out)
+
+
+def _turn_of(way: Hypothesis) -> np.ndarray:
+    """(3, 3) canonical_from_input without scale."""
+    scaled = way.input_from_canonical[:3, :3].T
+    return scaled / np.linalg.norm(scaled[0])
 
 
 def sampled(surface: Surface, count: int, seed: int) -> np.ndarray:
