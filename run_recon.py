@@ -98,6 +98,7 @@ def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
         force=args.force,
         start=args.start,
         cameras=args.cameras,
+        look_for_cameras=args.input in (None, inputs.Kind.CAMERAS),
         video=VideoOptions(count=args.frames),
         **both,
     )

@@ -29,16 +29,26 @@ def check(source: Path, cameras: Path | None) -> None:
         raise InputError(f"{cameras} does not exist; --cameras wants a COLMAP model's folder or a transforms.json")
     if cameras is not None and known_cameras.find(cameras) is None:
         raise InputError(f"{cameras} holds no cameras; give the folder of a COLMAP model or a transforms.json")
-    if source.is_dir() or video.is_video(source) or (source.is_file() and known_cameras.find(source) is not None):
+    if video.is_video(source):
+        return video.check(source)
+    if source.is_dir() or (source.is_file() and known_cameras.find(source) is not None):
         return
     what = "is not a folder of photos, a video, or a transforms.json" if source.exists() else "is not a folder or file"
     raise InputError(f"{source} {what}; give the folder that holds the photos")
 
 
-def run(source: Path, work: Path, cameras: Path | None, options: video.VideoOptions, force: bool = False) -> Photos:
+def run(
+    source: Path,
+    work: Path,
+    cameras: Path | None,
+    options: video.VideoOptions,
+    force: bool = False,
+    look_for_cameras: bool = True,
+) -> Photos:
     """The photos of a source; frames of a video go to `work`/video, links to photos with cameras to `work`/given.
 
-    cameras  a COLMAP model's folder or a transforms.json; None: one that `source` itself is or holds is used
+    cameras  a COLMAP model's folder or a transforms.json; None: one that `source` itself is or holds is used, if
+             `look_for_cameras`
     Raises InputError.
     """
     folder, warnings = source, ()  # type: tuple[Path, tuple[str, ...]]
@@ -47,7 +57,9 @@ def run(source: Path, work: Path, cameras: Path | None, options: video.VideoOpti
         if force:
             (folder / video.DONE).unlink(missing_ok=True)
         warnings = video.extract(source, folder, options)
-    found = cameras if cameras is not None else known_cameras.find(source)
+    found = cameras
+    if found is None and look_for_cameras:
+        found = known_cameras.find(source)
     if found is None:
         return Photos(folder, None, folder_digest(folder), warnings)
     given = known_cameras.gather(folder, found, work / FOLDER)

@@ -51,6 +51,7 @@ class ReconOptions:
     force: bool = False  # redo every stage
     start: str | None = None  # redo from this stage on
     cameras: Path | None = None  # a COLMAP model's folder or a transforms.json: where the photos were taken from
+    look_for_cameras: bool = True  # in a folder of photos, when `cameras` is None
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in px of the original photos
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
     video: video.VideoOptions = field(default_factory=video.VideoOptions)
@@ -74,7 +75,7 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     models = _checked(photos, out, options)
     options = _seeded(options)
     work = out / ".recon"
-    source = gather.run(photos, work, options.cameras, options.video, options.force)
+    source = gather.run(photos, work, options.cameras, options.video, options.force, options.look_for_cameras)
     if source.cameras:  # two pictures may look alike and yet be taken from two places
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))
     stages = _Stages(work, options, [source.key, code_version()])

@@ -69,6 +69,12 @@ def _container(path: Path) -> bool:
     return mp4 or (start[:4] == b"RIFF" and start[8:12] == b"AVI ") or start[:4] == b"\x1aE\xdf\xa3" or stream
 
 
+def check(path: Path) -> None:
+    """Raise InputError when a file does not even begin like a video."""
+    if not _container(path):
+        raise InputError(f"{path} is no video that can be read (MP4, MOV, AVI, MKV and WEBM are)")
+
+
 def extract(path: Path, folder: Path, options: VideoOptions = VideoOptions()) -> tuple[str, ...]:
     """Write the chosen frames of a video as JPEG into `folder` (made anew) and return warnings.
 
@@ -85,8 +91,7 @@ def extract(path: Path, folder: Path, options: VideoOptions = VideoOptions()) ->
             return tuple(done["warnings"])
     except (OSError, ValueError, KeyError, TypeError):
         pass  # whatever is wrong with them, making them anew is right
-    if not _container(path):
-        raise InputError(f"{path} is no video that can be read (MP4, MOV, AVI, MKV and WEBM are)")
+    check(path)
     look = _look(path, options)
     chosen = choose(look, options)
     warnings = _judged(path, look, chosen, options)
