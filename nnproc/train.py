@@ -246,7 +246,11 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     options = TrainOptions(
-        steps=args.steps, seed=args.seed, network=NetworkConfig(layers=args.layers), weights=VARIANTS[args.variant]
+        steps=args.steps,
+        batch=args.batch,
+        seed=args.seed,
+        network=NetworkConfig(layers=args.layers),
+        weights=VARIANTS[args.variant],
     )
     data = args.data or Path(".cache/data") / args.class_name
     out = args.out or WEIGHTS / f"{args.class_name}.safetensors"
