@@ -169,7 +169,7 @@ def _nothing_usable(source: Path, files: list[Path], skipped: list[tuple[str, st
         return f"none of the {len(skipped)} photos in {source} can be used ({listed})"
     video = next((f.name for f in files if f.suffix.lower() in VIDEO), None)
     if video:
-        return f'{video} is a video; take stills from it first, e.g. "ffmpeg -i {video} -vf fps=2 photos/%04d.jpg"'
+        return f"{video} is a video; give the video itself instead of the folder {source}"
     named = ", ".join(f.name for f in files[:3]) + (", ..." if len(files) > 3 else "")
     return (
         f"there is no photo among the {len(files)} files in {source} ({named}); JPEG, PNG, HEIC, WebP and TIFF are read"
