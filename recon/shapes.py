@@ -7,7 +7,7 @@ longest side 1) and the similarity back to the file's own axes and units.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from datasets.voxels import RESOLUTION, point_grid, surface_grid
 from recon.inputs import Kind
 from recon.scene import InputError
+from recon.shape_cleaning import CleaningOptions, cleaned
 from recon.shape_files import Surface, mesh_format, read_cloud, read_mesh, read_splat, read_voxels
 
 log = logging.getLogger("recon")
@@ -31,11 +32,9 @@ class ShapeOptions:
     front: str = "auto"  # axis of the file that the object faces; auto tries all four
     samples: int = 20_000  # points drawn from a mesh, and kept of a dense cloud
     max_faces: int = 1_000_000  # larger meshes are voxelised from points
-    least_points: int = 20  # fewer say nothing about a shape
     opacity: float = 0.3  # Gaussians below are not seen
-    outlier: float = 4.0  # a point this many times as far from its neighbours as usual is left out
-    floor_overhang: float = 1.15  # a flat sheet this many times as wide as what stands on it is a floor
     seed: int = 0
+    cleaning: CleaningOptions = field(default_factory=CleaningOptions)
 
 
 @dataclass(frozen=True)
@@ -85,11 +84,12 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
         points = read_splat(path, options.opacity) if kind == Kind.SPLAT else read_cloud(path)
         if kind == Kind.SPLAT:
             ups = ("z", "y", "-y")  # splats keep the cameras' axes: y down
-    clean, warnings = _cleaned(points, path, options, kind, ups)
+    ups = ups if options.up == "auto" else (_axis(options.up, "--up"),)
+    noisy = kind in (Kind.CLOUD, Kind.SPLAT)
+    clean, warnings = cleaned(points, path, ups, noisy, options.samples, options.seed, options.cleaning)
     if len(warnings):
         triangles = triangles[:0]  # what was left out of the points must not come back
         log.warning("%s", "; ".join(warnings))
-    ups = ups if options.up == "auto" else (_axis(options.up, "--up"),)
     fronts = () if options.front == "auto" else (_axis(options.front, "--front"),)
     if fronts and not any(up.strip("-") != fronts[0].strip("-") for up in ups):
         raise InputError(f"--up {options.up} and --front {options.front} are the same line; they must differ")
@@ -109,10 +109,31 @@ def hypotheses(target: Target) -> list[Hypothesis]:
     for up in target.ups:
         for front in target.fronts or [a for a in ("-y", "z", "y", "x", "-x", "-z") if a.strip("-") != up.strip("-")]:
             if front.strip("-") != up.strip("-"):
-                rotation = _rotation(up, front)
+                rotation, said = _rotation(up, front), f"up {up}, front {front}"
+                if not target.fronts and (yaw := _askew(target.points @ rotation.T)):
+                    rotation, said = _yaw(-yaw) @ rotation, f"{said} turned by {yaw:.0f} degrees"
                 points, back = canonical(target.points, rotation)
-                out.append(Hypothesis(f"up {up}, front {front}", back, points))
+                out.append(Hypothesis(said, back, points))
     return out
+
+
+def _askew(points: np.ndarray, gain: float = 0.88) -> float:
+    """Degrees, -45..45, by which the object's ground plan is turned; 0 unless turning it back makes its box smaller.
+
+    points (n, 3), z up; the box must shrink to this share, as that of a round seat or a five-star base never does.
+    """
+    some = points[:: max(1, len(points) // 1500), :2]
+    degrees = np.arange(-44, 46)
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    x, y = np.outer(c, some[:, 0]) + np.outer(s, some[:, 1]), np.outer(c, some[:, 1]) - np.outer(s, some[:, 0])
+    area = np.ptp(x, axis=1) * np.ptp(y, axis=1)
+    best = int(area.argmin())
+    return float(degrees[best]) if area[best] < gain * area[44] else 0.0
+
+
+def _yaw(degrees: float) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
 
 
 def _rotation(up: str, front: str) -> np.ndarray:
@@ -154,15 +175,20 @@ def grid_of(target: Target, hypothesis: Hypothesis) -> np.ndarray:
 
 
 def grids_of(target: Target, ways: list[Hypothesis]) -> np.ndarray:
-    """(len(ways), 64, 64, 64) bool; one grid is made, and its axes are exchanged for all other ways to stand."""
-    first = grid_of(target, ways[0])
-    turn = _turn_of(ways[0])
+    """(len(ways), 64, 64, 64) bool; ways that differ by quarter turns share one grid with its axes exchanged."""
+    made: list[tuple[np.ndarray, np.ndarray]] = []  # turn, grid
     out = []
     for way in ways:
-        relative = np.rint(_turn_of(way) @ turn.T).astype(int)
-        order = np.abs(relative).argmax(1)
-        flipped = [i for i in range(3) if relative[i, order[i]] < 0]
-        out.append(np.flip(first.transpose(order), flipped))
+        turn = _turn_of(way)
+        for known, grid in made:
+            relative = turn @ known.T
+            if np.allclose(np.abs(relative).max(1), 1, atol=1e-6):
+                order = np.abs(relative).argmax(1)
+                out.append(np.flip(grid.transpose(order), [i for i in range(3) if relative[i, order[i]] < 0]))
+                break
+        else:
+            made.append((turn, grid_of(target, way)))
+            out.append(made[-1][1])
     return np.stack(out)
 
 
@@ -192,79 +218,6 @@ def _voxel_points(grid: np.ndarray) -> np.ndarray:
     padded = np.pad(grid, 1)
     inner = scipy.ndimage.binary_erosion(padded)
     return np.argwhere(padded & ~inner) - 0.5
-
-
-def _cleaned(
-    points: np.ndarray, path: Path, options: ShapeOptions, kind: str, ups: tuple[str, ...]
-) -> tuple[np.ndarray, list[str]]:
-    """Without what is not a number, outliers, a floor, and other objects; and what was left out, in words."""
-    finite = np.isfinite(points).all(1)
-    if (bad := int((~finite).sum())) > len(points) / 2:
-        raise InputError(f"{path}: {bad:,} of {len(points):,} points are not numbers; export it again")
-    points = points[finite]
-    if len(points) < options.least_points:
-        raise InputError(
-            f"{path} has {len(points)} usable points; a shape needs {options.least_points}, better 500 or more"
-        )
-    if np.ptp(points, axis=0).max() <= 0 or (np.ptp(points, axis=0) < 1e-6 * np.ptp(points, axis=0).max()).sum() > 1:
-        raise InputError(f"{path}: all points lie on one line; give the whole surface of the object")
-    said = [f"{bad:,} points that are not numbers are left out"] if bad else []
-    if len(points) > options.samples:
-        points = points[np.random.default_rng(options.seed).permutation(len(points))[: options.samples]]
-    if kind in (Kind.CLOUD, Kind.SPLAT):
-        points = _without_outliers(points, options.outlier, said)
-    points = _without_floor(points, ups, options, said)
-    return _largest(points, said), said
-
-
-def _without_outliers(points: np.ndarray, limit: float, said: list[str]) -> np.ndarray:
-    """Without points that are much farther from their neighbours than is usual; a second look once they are gone."""
-    for _ in range(2):
-        k = min(8, len(points) - 1)
-        reach = cKDTree(points).query(points, k + 1)[0][:, 1:].mean(1)
-        keep = reach <= limit * np.median(reach) + 1e-12
-        if keep.mean() < 0.7:
-            break  # uneven rather than noisy
-        if (gone := int((~keep).sum())) > len(points) / 200:
-            said.append(f"{gone:,} outliers of {len(points):,} points are left out")
-        points = points[keep]
-    return points
-
-
-def _without_floor(points: np.ndarray, ups: tuple[str, ...], options: ShapeOptions, said: list[str]) -> np.ndarray:
-    """Without a flat sheet at an end of y or z that sticks out beyond everything else."""
-    # Not the upper ends: a table's top is such a sheet, too.
-    ends = [options.up] if options.up in AXES else list(ups)
-    for name in ends:
-        axis, sign = "xyz".index(name[-1]), -1 if name[0] == "-" else 1
-        height = sign * points[:, axis]
-        sheet = height - height.min() < 0.015 * np.ptp(points, axis=0).max()
-        others = [i for i in range(3) if i != axis]
-        if not 0.08 < sheet.mean() < 0.9:
-            continue
-        wide, rest = (np.ptp(p[:, others], axis=0) for p in (points[sheet], points[~sheet]))
-        if (wide > options.floor_overhang * rest).all() and (np.percentile(height[~sheet], 90) - height.min()) > 0:
-            said.append(f"a floor under the object ({sheet.mean():.0%} of the points) is left out")
-            return points[~sheet]
-    return points
-
-
-def _largest(points: np.ndarray, said: list[str]) -> np.ndarray:
-    """The largest of several objects that stand clearly apart."""
-    cells = 24
-    low, size = points.min(0), np.ptp(points, axis=0).max()
-    index = np.minimum(((points - low) / size * cells).astype(int), cells - 1)
-    filled = np.zeros((cells,) * 3, bool)
-    filled[tuple(index.T)] = True
-    labels, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(filled, np.ones((3, 3, 3))), np.ones((3, 3, 3)))
-    if count < 2 or len(points) < 200:
-        return points
-    member = labels[tuple(index.T)]
-    sizes = np.bincount(member, minlength=count + 1)
-    if np.sort(sizes)[-2] < 0.15 * len(points):
-        return points
-    said.append(f"{count} separate objects are there; only the largest is reconstructed, give one object a file")
-    return points[member == sizes.argmax()]
 
 
 def _spacing(points: np.ndarray) -> float:

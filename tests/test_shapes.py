@@ -56,6 +56,16 @@ def test_ups_and_fronts_are_all_tried_unless_they_are_given(tmp_path, rng):
         read(tmp_path, points, up="north")
 
 
+def test_an_object_that_stands_askew_is_turned_straight(tmp_path, rng):
+    points = box_points(rng, 3000, (1, 0.6, 2))
+    for degrees in (0, 27, -38):
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        target = read(tmp_path, points @ np.array([(c, s, 0), (-s, c, 0), (0, 0, 1)]), up="z")
+        for way in hypotheses(target):
+            np.testing.assert_allclose(np.sort(np.ptp(way.points, axis=0)), (0.3, 0.5, 1), atol=0.02)
+            assert np.linalg.det(way.input_from_canonical[:3, :3]) > 0
+
+
 def test_grids_of_all_ways_are_those_of_their_points(tmp_path, rng):
     target = read(tmp_path, box_points(rng, 6000, (1.0, 0.7, 1.3)))
     ways = hypotheses(target)
