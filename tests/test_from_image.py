@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 from nnproc.rays import look_at_cameras
-from recon import from_image, one_mask, pix3d_record
+from recon import from_image, from_masks, one_mask, pix3d_record
 from recon.camera_search import find
 from recon.evaluate import pix3d_dev
 from recon.mask_windows import guessed_K, touching
@@ -242,3 +242,22 @@ def test_nothing_is_written_for_bad_input(tmp_path):
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="no model"):
         from_image.run(tmp_path / "a.png", tmp_path / "out", from_image.ImageOptions(class_name="lamp"))
+
+
+def test_masks_of_unknown_views_share_one_shape(chair, monkeypatch):
+    monkeypatch.setattr(from_masks, "EVALUATIONS", 12)
+    K, poses = (t.numpy() for t in look_at_cameras([40, 150], [22, 15], 2.3, 40, 240))
+    K[:, 0, 2] = 160
+    masks = silhouettes(chair.build(CHAIR), K, poses, np.array([SIZE, SIZE]))
+    views = [OneView(mask, k, True) for mask, k in zip(masks, K, strict=True)]
+    few = CameraSearchOptions(
+        bank=BankOptions(elevations=(16.0,)), placed=8, starts=4, climbs=30, coarse=RefineOptions(blurs=(4.0,), steps=3)
+    )
+    joint = from_masks.Joint(chair, views, {**CHAIR, "width": 0.7, "back": "vbar"}, few)
+    azimuths = [job.direction(state)[0] for job, state in zip(joint.jobs, joint.states, strict=True)]
+    assert azimuths == pytest.approx([40, 150], abs=20)
+    before = joint.iou(joint.params)
+    joint.improve_shape()
+    joint.improve_cameras()
+    assert joint.params["back"] == "hbar"
+    assert joint.iou(joint.params) > before + 0.05
