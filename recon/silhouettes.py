@@ -111,7 +111,7 @@ def _room(poses: Poses, options: SilhouetteOptions) -> tuple[Room | None, str]:
     try:
         return find_room(poses.points, poses.cameras, np.random.default_rng(options.seed), options.floor), ""
     except ReconstructionError as error:
-        log.info("%s", error)
+        log.log(logging.INFO if len(poses.points) else logging.DEBUG, "%s", error)
         return None, str(error)
 
 

@@ -9,8 +9,8 @@ from recon.floor import look_point, up_direction
 from recon.scene import Cameras
 
 COARSE, FINE = 64, 128  # cells along the block's longest side
-AGREEMENT = 0.9  # of the masks that must contain a cell
-FULL = 0.8  # of the widest layer near the bottom: below, only the masks' shadows narrow down
+AGREEMENT = 0.85  # of the masks that must contain a cell
+FULL = 0.5  # of the widest layer near the bottom: narrower ones below are the masks' shadows; legs may taper
 BOTTOM = 0.15  # of the object's height in which that widest layer is looked for
 SUNK = 0.08  # of the object's height: a floor found by points that it reaches through so far is a seat or a table top
 
