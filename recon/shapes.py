@@ -162,16 +162,14 @@ def grid_of(target: Target, hypothesis: Hypothesis) -> np.ndarray:
         forward = np.linalg.inv(hypothesis.input_from_canonical)
         corners = target.triangles.reshape(-1, 3) @ forward[:3, :3].T + forward[:3, 3]
         return surface_grid(corners, np.arange(len(corners)).reshape(-1, 3))
-    radius = 1.2 * target.spacing
-    if radius * RESOLUTION < 0.8:
-        return point_grid(hypothesis.points)
-    # On a finer grid, so that the balls are round; then back to where a surface through their middles would be.
-    fine = point_grid(hypothesis.points, 2 * RESOLUTION)
-    distance = scipy.ndimage.distance_transform_edt(~fine) / (2 * RESOLUTION)
-    ball = distance <= radius
-    depth = scipy.ndimage.distance_transform_edt(ball) / (2 * RESOLUTION)
-    core = (depth > 0.75 * radius) | fine
-    return core.reshape(RESOLUTION, 2, RESOLUTION, 2, RESOLUTION, 2).any((1, 3, 5))
+    radius = 1.6 * target.spacing
+    points = point_grid(hypothesis.points)
+    if radius * RESOLUTION < 1.5:
+        return points
+    # Balls close the gaps; then back to near the surface through their middles.
+    ball = scipy.ndimage.distance_transform_edt(~points) <= radius * RESOLUTION
+    depth = scipy.ndimage.distance_transform_edt(ball)
+    return (depth > 0.7 * radius * RESOLUTION) | points
 
 
 def grids_of(target: Target, ways: list[Hypothesis]) -> np.ndarray:

