@@ -96,8 +96,8 @@ def ply_vertices(path: Path) -> dict[str, np.ndarray]:
             kind = np.dtype([(n, order + t) for n, t in header.properties])
             if path.stat().st_size - header.offset < header.vertices * kind.itemsize:
                 raise ValueError("fewer points than its header promises")
-            table = np.fromfile(path, kind, header.vertices, offset=header.offset)
-            columns = {n: table[n].astype(float) for n in names}
+            records: np.ndarray = np.fromfile(path, kind, header.vertices, offset=header.offset)
+            columns = {n: np.asarray(records[n], float) for n in names}
     except (ValueError, IndexError) as error:
         raise InputError(f"{path} is damaged or cut short ({error}); export it again") from error
     if len(next(iter(columns.values()), ())) < header.vertices:
