@@ -90,7 +90,7 @@ def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
     }
     both = {"class_name": args.class_name, "height": args.height, "seed": args.seed, **lens}
     box = parse_box(args.box) if args.box else None
-    if from_image.fits(args.photos, args.mask, box, args.pix3d):
+    if from_image.fits(args.photos, seen.kind, args.mask, box, args.pix3d):
         options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, **both)
         return from_image.run(args.photos, out, options).report_json
     photo_options = pipeline.ReconOptions(

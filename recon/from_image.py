@@ -14,7 +14,7 @@ from procmodels import Model, ModelError, load, names
 from procmodels.blender import BlenderMissing, require
 from recon import intrinsics, judge, one_mask, outputs
 from recon.camera_search import FoundView, find, first_look
-from recon.inputs import Kind, recognise
+from recon.inputs import Kind
 from recon.judge import Verdict
 from recon.mask_windows import guessed_K
 from recon.one_mask import Masked
@@ -83,13 +83,12 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
         return outputs.run(result, out, options.outputs, searched.model)
 
 
-def fits(path: Path, *of_one_image: object) -> bool:
-    """Whether `run` takes an input; `of_one_image` are the options that only one image takes, None if not given.
+def fits(path: Path, kind: str, *of_one_image: object) -> bool:
+    """Whether `run` takes an input of this kind; `of_one_image` are the options that only one image takes, or None.
 
     Raises InputError when such an option is given with another input.
     """
     given = any(value is not None for value in of_one_image)
-    kind = recognise(path).kind if path.exists() else None
     one = path.is_file() and kind in (Kind.IMAGE, Kind.MASKS)
     if given and not one:
         raise InputError(f"--mask, --box and --pix3d belong to one image, and {path} is not an image file")

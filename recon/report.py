@@ -46,14 +46,14 @@ def words(result: Result, asset: Asset) -> Words:
     text = f"{what}; {_size(asset)}. "
     if used:
         score = float(result.view_iou[result.silhouettes.used].mean())
-        text += f"{used} of {given} photos used; mean outline agreement {score:.2f}: {verdict(score)}."
+        text += f"{used} of {_photos(given)} used; mean outline agreement {score:.2f}: {verdict(score)}."
     if (met := result.shape) is not None:
         apart = 100 * (met.distance / 2) ** 0.5
         text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
         return Words(f"{_spaced(result.class_name).capitalize()} from {met.what}", text)
     if result.classes:
         text += f" No class was named: {tried(result.classes)}."
-    return Words(f"{_spaced(result.class_name).capitalize()} from {given} photos", text.strip())
+    return Words(f"{_spaced(result.class_name).capitalize()} from {_photos(given)}", text.strip())
 
 
 def verdict(iou: float) -> str:
@@ -215,6 +215,10 @@ def _versions(facts: dict[str, Any]) -> str:
 
 def _listed(items: list[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def _photos(count: int) -> str:
+    return "one image" if count == 1 else f"{count} photos"
 
 
 def _spaced(name: str) -> str:
