@@ -245,7 +245,6 @@ def compact(rows: list[Table1Row]) -> str:
         "floor",
         "paper",
         "discrete right on / off",
-        "s a shape",
     ]
     lines = ["| " + " | ".join([*names, "other methods, on-grid"]) + " |", "|" + "---|" * (len(names) + 1)]
     found = {(r.class_name, r.task, r.method, r.grid): r for r in rows}
@@ -258,7 +257,7 @@ def compact(rows: list[Table1Row]) -> str:
         right = " / ".join(_percent(r.discrete_accuracy) for r in (on, off) if r is not None and r.discrete_accuracy)
         cells = [class_name, TASK_NAMES[task], _figure(on), "" if off is None else _figure(off), _number(on.floor, 5)]
         cells += [f"{PAPER_FIGURES[class_name][task]:g}" if task in PAPER_FIGURES.get(class_name, {}) else ""]
-        cells += [right, _number(on.seconds, 3), "; ".join(f"{r.method} {_figure(r)}" for r in others)]
+        cells += [right, "; ".join(f"{r.method} {_figure(r)}" for r in others)]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
