@@ -20,7 +20,7 @@ lint: install
 fast: install
 	$(BIN)/python -m pytest -m "not slow"
 
-# Networks of all classes by the present recipe, about 45 minutes a class on 2 cores; each card says what made its own.
+# Networks of all classes by the present recipe. Each card says what made the shipped ones, and how long it took.
 weights: install
 	set -e; for class in bed chair shelf sofa table; do \
 	  [ $$class = sofa ] && shapes=10000 || shapes=3000; \

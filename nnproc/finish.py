@@ -155,7 +155,7 @@ def _resume(
 
 
 def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> None:
-    """Put both halves into the shipped weights and bring the card up to date."""
+    """Put both halves into the shipped weights and bring the card up to date. Merging again changes nothing."""
     network = load_network(load(class_name).space)
     state, minutes = network.state_dict(), {}
     for half in [h for h in HALVES if (work / f"{h}.safetensors").is_file()]:
@@ -169,8 +169,12 @@ def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> No
     command += f" --decode-steps {options.decode_steps} --encode-steps {options.encode_steps}"
     if len(minutes) < len(HALVES):
         command += f" --half {next(iter(minutes))}"
+    entry = {"command": command, "options": asdict(options), "minutes": minutes}
+    if entry in card.get("finish", []):
+        log.info("%s holds these halves already", path)
+        return
     card |= {
-        "finish": [*card.get("finish", []), {"command": command, "options": asdict(options), "minutes": minutes}],
+        "finish": [*card.get("finish", []), entry],
         # Side by side on two cores, a finish takes as long as its slower half.
         "minutes": round(card["minutes"] + max(minutes.values()), 1),
         "held_out": {w: score(network, read(data, w, network.space.hash)) for w in ("test_on", "test_off")},

@@ -4,6 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from touching import all_touch
 
 import procmodels
 from datasets.voxels import surface_grid
@@ -58,14 +59,7 @@ def test_parts_are_closed_and_face_outwards(built):
 
 def test_no_part_floats(built):
     for params, shape in built:
-        boxes = [(p.vertices.min(0) - 2e-3, p.vertices.max(0) + 2e-3) for p in shape.parts]
-        reached, todo = {0}, [0]
-        while todo:
-            low, high = boxes[todo.pop()]
-            near = {i for i, (a, b) in enumerate(boxes) if (a <= high).all() and (b >= low).all()} - reached
-            reached |= near
-            todo += near
-        assert len(reached) == len(boxes), params
+        assert all_touch(shape.parts), params
 
 
 def test_vectors_and_parameters_are_one_to_one(model, rng):

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import cv2
@@ -159,11 +158,9 @@ def test_everything_promised_is_written(finished):
 @pytest.mark.slow
 def test_finished_stages_are_skipped_and_the_result_is_the_same(finished, caplog):
     before = (finished / "params.json").read_text()
-    started = time.monotonic()
     with caplog.at_level("INFO", "recon"):
         assert main([*_command(), "--out", str(finished), "--height", "0.9"]) == 0
     assert caplog.text.count("skipped") == 7
-    assert time.monotonic() - started < 60
     assert (finished / "params.json").read_text() == before
 
 

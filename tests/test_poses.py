@@ -303,8 +303,6 @@ def test_distortion_is_one_number_a_camera():
 @pytest.mark.slow
 def test_sample_photo_set(tmp_path):
     """28 photos of a chair: about 15 s on two cores."""
-    if not (SAMPLE / "truth" / "cameras.json").exists():
-        pytest.skip("the sample photo set is not there")
     views = json.loads((SAMPLE / "truth" / "cameras.json").read_text())["views"]
     found = poses.run(frames_stage.run(SAMPLE / "photos", tmp_path), tmp_path)
     assert found.cameras.names == tuple(v["name"] for v in views)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -100,3 +101,10 @@ def test_the_papers_figure_stands_beside_ours_alone():
     ours = Table1Row("table", "on", "2", "ours", 2, d_chamfer=0.00021, floor=0.0001)
     text = table1.markdown([ours, replace(ours, grid="off"), replace(ours, method="cobyqa")])
     assert [line.count("0.0003") for line in text.splitlines()[2:]] == [1, 0, 0]
+
+
+def test_the_readme_prints_the_kept_results():
+    root = Path(__file__).parents[1]
+    rows = [Table1Row.from_json(r) for r in json.loads((root / "docs/results/table1.json").read_text())]
+    assert all(r.shapes <= 300 for r in rows)
+    assert table1.compact(rows) in (root / "README.md").read_text()

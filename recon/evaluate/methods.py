@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -32,25 +32,24 @@ EVALUATIONS = 100  # of the baseline, as in the paper
 BASELINE_SAMPLES = 2000  # surface points a mesh in the baseline's objective
 
 
-@dataclass
+@dataclass(frozen=True)
 class Bench:
-    """What the methods of one class share; everything costly is made once."""
+    """What a method works with; folders as in known_shapes."""
 
     model: Model
     network: NNProc
     work: Path
     data: Path
 
-    @cached_property
-    def _kept(self) -> dict[str, tuple[RayOperator | None, Bank]]:
-        return {}
-
     def known(self, what: str) -> tuple[RayOperator | None, Bank]:
         """Rays and bank of "paper" or "spread" cameras; no rays for "grid"."""
-        if what not in self._kept:
-            rays = None if what == "grid" else operator(what, STRIDE)
-            self._kept[what] = rays, known_shapes(self.model, what, rays, self.work, self.data)
-        return self._kept[what]
+        return _rays_and_bank(self.model, what, self.work, self.data)
+
+
+@lru_cache(maxsize=3)  # a class has three; its networks share them
+def _rays_and_bank(model: Model, what: str, work: Path, data: Path) -> tuple[RayOperator | None, Bank]:
+    rays = None if what == "grid" else operator(what, STRIDE)
+    return rays, known_shapes(model, what, rays, work, data)
 
 
 Method = Callable[[Bench, Case], Params]
