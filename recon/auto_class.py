@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nnproc import infer
-from procmodels import Model, load, names
-from recon import fit, refine
+from procmodels import Model
+from recon import fit, refine, wanted
 from recon.fit import FitOptions, FitResult
 from recon.hull import Hull
 from recon.refine import Refined, RefineOptions
 from recon.scene import Canonical, InputError, Poses, Silhouettes
 
 log = logging.getLogger("recon")
-AUTO = "auto"
 
 RunStage = Callable[[str, Any, Callable[[], Any]], Any]  # (stage's name, its options, what computes it) -> its result
 
@@ -71,13 +70,12 @@ class Chosen:
 def known_models() -> list[Model]:
     """The models whose weights can be used. Raises InputError when there are none."""
     models = []
-    for name in names():
-        model = load(name)
+    for model in wanted.models(wanted.AUTO):
         try:
             infer.load_network(model.space)
             models.append(model)
         except infer.WeightsError as error:
-            log.warning("%s is not tried: %s", name, error)
+            log.warning("%s is not tried: %s", model.name, error)
     if not models:
         raise InputError("--class auto: no class has usable weights; train some with python -m nnproc.train CLASS")
     return models

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from procmodels import Model, ModelError, load, names
-from procmodels.blender import BlenderMissing, require
-from recon import intrinsics, judge, one_mask, outputs
+from procmodels import Model
+from recon import intrinsics, judge, one_mask, outputs, wanted
 from recon.camera_search import FoundView, find, first_look
 from recon.inputs import Kind
 from recon.judge import Verdict
@@ -27,7 +26,6 @@ from recon.view_bank import load_bank
 from recon.view_search import CameraSearchOptions, OneView
 
 log = logging.getLogger("recon")
-AUTO = "auto"
 FINALISTS = 2  # classes that are searched in full when none was named
 NEARLY = 0.02  # IoU: another camera this near explains the outline as well
 
@@ -66,7 +64,8 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
         from recon import from_masks  # which uses this module
 
         return from_masks.run(path, out, options)
-    models = usable_models(options)
+    wanted.check(options.height, out)
+    models = wanted.models(options.class_name)
     with tempfile.TemporaryDirectory(prefix="one-image-") as folder:
         seconds = {}
         started = time.monotonic()
@@ -106,17 +105,6 @@ def search(models: list[Model], view: OneView, options: ImageOptions = ImageOpti
     scores |= {m.name: f.refined.mean_iou for m, f in answers}
     model, found = max(answers, key=lambda a: a[1].refined.mean_iou)
     return Searched(model, found, tuple(sorted(scores.items(), key=lambda s: -s[1])))
-
-
-def usable_models(options: ImageOptions) -> list[Model]:
-    """The models to try. Raises InputError for unusable options."""
-    if options.height is not None and not 0.01 <= options.height <= 100:
-        raise InputError(f"--height is in metres, from 0.01 to 100; got {options.height:g}")
-    try:
-        require("bpy")
-        return [load(n) for n in names()] if options.class_name == AUTO else [load(options.class_name)]
-    except (ModelError, BlenderMissing) as error:
-        raise InputError(str(error)) from error
 
 
 def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:

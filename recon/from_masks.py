@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from procmodels import Model
 from procmodels.space import Params
-from recon import frames, from_image, intrinsics, judge, one_mask, outputs
+from recon import frames, from_image, intrinsics, judge, one_mask, outputs, wanted
 from recon.frames import FramesOptions
 from recon.from_image import ImageOptions
 from recon.mask_windows import guessed_K
@@ -38,7 +38,8 @@ EVALUATIONS = 60  # of the mean IoU, a round
 
 def run(folder: Path, out: Path, options: ImageOptions = ImageOptions()) -> OutputPaths:
     """Reconstruct the object in a folder of 2 to 8 masks (white = object) into the folder `out`. Raises InputError."""
-    models = from_image.usable_models(options)
+    wanted.check(options.height, out)
+    models = wanted.models(options.class_name)
     with tempfile.TemporaryDirectory(prefix="masks-") as work:
         started = time.monotonic()
         shot = frames.run(folder, Path(work), FramesOptions(allow_single=True))

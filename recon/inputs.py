@@ -13,8 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from recon.ply import ply_header
 from recon.scene import InputError
-from recon.shape_files import npy_header, ply_header, zip_arrays
+from recon.shape_files import npy_header, zip_arrays
 
 log = logging.getLogger("recon")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -11,8 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from nnproc.infer import WeightsError, load_network
-from procmodels import Model, ModelError, load
-from procmodels.blender import BlenderMissing, require
+from procmodels import Model
 from recon import (
     align,
     auto_class,
@@ -28,6 +26,7 @@ from recon import (
     scene,
     silhouettes,
     video,
+    wanted,
 )
 from recon.outputs import OutputPaths
 from recon.result import Result
@@ -129,7 +128,7 @@ def _chosen(
     options: ReconOptions,
 ) -> auto_class.Chosen:
     """The stages "fit" and "refine", for the class that was named or for all."""
-    if options.class_name == auto_class.AUTO:
+    if options.class_name == wanted.AUTO:
         return auto_class.run(stages.run, models, seen, solid, options.fit, options.refine, options.auto)
     model = models[0]
     key = [options.fit, auto_class.key(model)]
@@ -180,30 +179,21 @@ def _checked(photos: Path, out: Path, options: ReconOptions) -> list[Model]:
     gather.check(photos, options.cameras)
     if options.masks is not None and not options.masks.is_dir():
         raise InputError(f"{options.masks} is not a folder; --masks wants the folder that holds the masks")
-    if options.height is not None and not 0.01 <= options.height <= 100:
-        raise InputError(f"--height is in metres, from 0.01 to 100; got {options.height:g}")
     if options.start is not None and options.start not in STAGES:
         raise InputError(f"there is no stage {options.start!r}; stages: {', '.join(STAGES)}")
-    try:
-        models = _models(options.class_name)
-        require("bpy")
-    except (ModelError, WeightsError, BlenderMissing) as error:
-        raise InputError(str(error)) from error
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise InputError(
-            f"the output folder {out} cannot be written ({error.strerror}); choose another with --out"
-        ) from error
+    models = _with_weights(options.class_name)
+    wanted.check(options.height, out)
+    out.mkdir(parents=True, exist_ok=True)
     return models
 
 
-def _models(class_name: str) -> list[Model]:
+def _with_weights(class_name: str) -> list[Model]:
     """The model of that name, or every one that has weights."""
-    if class_name == auto_class.AUTO:
+    if class_name == wanted.AUTO:
         return auto_class.known_models()
-    model = load(class_name)
-    load_network(model.space)
-    return [model]
+    models = wanted.models(class_name)
+    try:
+        load_network(models[0].space)
+    except WeightsError as error:
+        raise InputError(str(error)) from error
+    return models

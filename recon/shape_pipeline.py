@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from procmodels import Model, ModelError, load, names
-from procmodels.blender import BlenderMissing, require
-from recon import outputs, scene, shape_fit, shapes
+from procmodels import Model
+from recon import outputs, scene, shape_fit, shapes, wanted
 from recon.inputs import Recognised
 from recon.outputs import OutputPaths
 from recon.result import Result, ShapeEvidence
@@ -40,7 +39,10 @@ class ShapeRunOptions:
 
 def run(path: Path, out: Path, seen: Recognised, options: ShapeRunOptions = ShapeRunOptions()) -> OutputPaths:
     """Fit the procedural model to a shape. Raises InputError."""
-    models = _checked(path, options)
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the file of the shape itself")
+    wanted.check(options.height, out)
+    models = wanted.models(options.class_name)
     options = replace(
         options, shape=replace(options.shape, seed=options.seed), fit=replace(options.fit, seed=options.seed)
     )
@@ -55,19 +57,6 @@ def run(path: Path, out: Path, seen: Recognised, options: ShapeRunOptions = Shap
     best = min(models, key=lambda m: fits[m.name].distance)
     log.info("[3/3] outputs")
     return outputs.run(_result(target, best, fits, seconds, options), out, options.outputs, best)
-
-
-def _checked(path: Path, options: ShapeRunOptions) -> list[Model]:
-    """The models to try; what can be found wrong before time is spent. Raises InputError."""
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give the file of the shape itself")
-    if options.height is not None and not 0.01 <= options.height <= 100:
-        raise InputError(f"--height is in metres, from 0.01 to 100; got {options.height:g}")
-    try:
-        require("bpy")
-        return [load(n) for n in (names() if options.class_name == "auto" else [options.class_name])]
-    except (ModelError, BlenderMissing) as error:
-        raise InputError(str(error)) from error
 
 
 def _result(
