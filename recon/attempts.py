@@ -160,7 +160,9 @@ def _in_child(request: Path, seconds: float) -> Attempt:
             stderr=file,
             text=True,
             cwd=Path(__file__).resolve().parents[1],  # where this package is found, installed or not
-            env={**os.environ, "OMP_WAIT_POLICY": "PASSIVE"},
+            # Photos and pairs are spread over threads already. Threads below that (matrix products of the matching)
+            # gain nothing and split their sums by what is free at the moment: not the same result twice.
+            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         )
         timer = threading.Timer(seconds, child.kill)
         timer.start()
