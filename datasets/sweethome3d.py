@@ -8,15 +8,18 @@ from __future__ import annotations
 import posixpath
 import re
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+
+from datasets.real_object import DataError
 
 PROPERTIES = "PluginFurnitureCatalog.properties"
 MAX_FILE = 64 << 20  # bytes, unpacked: larger members are refused
 MAX_MODEL = 256 << 20  # bytes, unpacked: all files of one model
 
 
-class CatalogueError(ValueError):
+class CatalogueError(DataError):
     """The catalogue or a model in it is not usable; the message says why."""
 
 
@@ -78,6 +81,12 @@ def find_model(path: Path, name: str) -> Model:
     near = [m.name for m in models if name.lower() in m.name.lower()] or [m.name for m in models]
     more = "" if len(near) <= 20 else f" and {len(near) - 20} more"
     raise CatalogueError(f"{path.name}: no model {name!r}; there are {', '.join(near[:20])}{more}")
+
+
+def read_obj(path: Path, model: Model) -> bytes:
+    """The OBJ of a model as it is in the archive; enough where only geometry is wanted."""
+    with _open(path) as archive:
+        return _read(archive, model.member)
 
 
 def extract_model(path: Path, model: Model, folder: Path) -> Path:
@@ -149,7 +158,7 @@ def _read(archive: zipfile.ZipFile, member: str) -> bytes:
             data = stream.read(MAX_FILE + 1)
     except KeyError as error:
         raise CatalogueError(f"{archive.filename}: there is no {member} in it") from error
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
         raise CatalogueError(f"{archive.filename}: {member} is damaged ({error})") from error
     if len(data) > MAX_FILE:
         raise CatalogueError(f"{member}: more than {MAX_FILE >> 20} MB unpacked")
