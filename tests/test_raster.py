@@ -185,6 +185,47 @@ def test_coverage_is_the_silhouette_with_soft_edges(rng):
         assert soft.sum() == pytest.approx(hard.sum(), rel=0.03)
 
 
+def test_coverage_of_a_convex_shape_is_its_polygon():
+    """The shares sum to the area of the hull of the projected corners, and each is what 32 x 32 pixel centres give."""
+    K, poses, sizes = cameras(np.random.default_rng(5), 6, 90, 70)
+    fine = K.copy()
+    fine[:, :2] *= 32
+    shares = coverage(cube(0.3), K, poses, sizes)
+    for k, pose, share, sharp in zip(K, poses, shares, silhouettes(cube(0.3), fine, poses, sizes * 32), strict=True):
+        assert max(share[[0, -1]].max(), share[:, [0, -1]].max()) < 1e-6, "the cube lies within the image"
+        area = ConvexHull(projected(cube(0.3).vertices(), k, pose)).volume
+        assert share.sum(dtype=float) == pytest.approx(area, abs=1e-3)
+        counted = sharp.reshape(70, 32, 90, 32).mean((1, 3))
+        np.testing.assert_allclose(share, counted, atol=0.03)
+
+
+def test_coverage_of_a_shape_that_leaves_the_image():
+    K, poses, sizes = cameras(np.random.default_rng(6), 4, 90, 70)
+    K[:, :2, :2] *= 2
+    fine = K.copy()
+    fine[:, :2] *= 16
+    for share, sharp in zip(
+        coverage(cube(), K, poses, sizes), silhouettes(cube(), fine, poses, sizes * 16), strict=True
+    ):
+        counted = sharp.reshape(70, 16, 90, 16).mean((1, 3))
+        assert np.abs(share - counted)[:, 1:].max() < 0.07
+        assert np.abs(share - counted).mean() < 5e-4
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_coverage_grows_evenly_when_a_level_edge_moves(axis):
+    """A cube seen from the front: its edges run along rows and columns, the hardest case for pixel centres."""
+    pose = look_at(np.array([0, -3.0, 0]), np.zeros(3))
+    K = np.array([(100.0, 0, 25), (0, 100.0, 25), (0, 0, 1)])[None]
+    images = []
+    for i in range(11):
+        K[0, axis, 2] = 25 + i / 10
+        images.append(coverage(cube(), K, pose[None], np.array([(50, 50)]))[0])
+    # One edge enters a row (or column) of pixels while the opposite one leaves another: always as much a step.
+    steps = np.abs(np.diff(images, axis=0)).sum((1, 2))
+    assert steps == pytest.approx(np.full(10, steps.mean()), rel=0.02)
+
+
 def test_coverage_moves_smoothly(rng):
     """A cube moved by a hundredth of a pixel changes the sum of shares by about that much of its outline's height."""
     K, poses, sizes = cameras(rng, 1, 120, 100)
