@@ -3,33 +3,24 @@
     FOLDER/chair/NAME.ply    FOLDER/chair/NAME.png (white = object, optional)    FOLDER/table/...
 
 Class folders are bed, chair, shelf (or bookcase), sofa (or couch), table (or desk), also in the plural; others are left
-out with a note. The axes: `axes.json` in the folder,
-
-    {"up": "y", "front": "-z", "files": {"chair/x.ply": {"front": "x"}}}
-
-else the file of the folder's name in datasets/axes (made by looking at pictures), else Y up facing -Z, for STL Z up
-facing -Y. A single class folder uses the axes of the folder above it.
+out with a note. The axes are those of datasets.file_axes, else Y up facing -Z, for STL Z up facing -Y. A single class
+folder uses the axes of the folder above it.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from datasets.real_object import CLASSES, DataError, RealObject, read_mesh, turn, with_unique_names
+from datasets import file_axes
+from datasets.real_object import CLASSES, DataError, RealObject, read_mesh, with_unique_names
 
 log = logging.getLogger(__name__)
 
 MESHES = (".obj", ".ply", ".glb", ".stl", ".off")
 CLASS_OF = {**{c: c for c in CLASSES}, "bookcase": "shelf", "couch": "sofa", "desk": "table"}
 CLASS_OF |= {word + "s": c for word, c in CLASS_OF.items() if word != "shelf"} | {"shelves": "shelf"}
-AXES_FILE = "axes.json"
-KNOWN_AXES = Path(__file__).with_name("axes")  # NAME.json for folders called NAME that have no axes.json
 
 
 def class_of(folder: str) -> str | None:
@@ -72,7 +63,7 @@ def in_one_folder(folder: Path, class_name: str | None = None) -> list[RealObjec
 def _objects(files: list[Path], root: Path, class_name: str) -> list[RealObject]:
     """`root` is the folder that gives the data their name and their axes."""
     root = root.resolve()
-    table, where = _axes_table(root)
+    axes = file_axes.find(root.name, root)
     return [
         RealObject(
             data=root.name,
@@ -80,37 +71,11 @@ def _objects(files: list[Path], root: Path, class_name: str) -> list[RealObject]
             name=file.stem,
             source=str(file),
             mask=mask if (mask := file.with_suffix(".png")).is_file() else None,
-            canonical_from_file=_turn(table, where, file, root),
+            canonical_from_file=axes.turn(
+                file.resolve().relative_to(root).as_posix(),
+                *(("z", "-y") if file.suffix.lower() == ".stl" else ("y", "-z")),
+            ),
             read=partial(read_mesh, file),
         )
         for file in files
     ]
-
-
-def _axes_table(root: Path) -> tuple[dict[str, Any], Path]:
-    """The folder's table of axes, and the file that it comes from; empty when there is none."""
-    for file in (root / AXES_FILE, KNOWN_AXES / f"{root.name}.json"):
-        if not file.is_file():
-            continue
-        try:
-            table = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise DataError(f"{file} is not readable as JSON ({error})") from error
-        per_file = table.get("files", {}) if isinstance(table, dict) else None
-        if not isinstance(per_file, dict) or not all(isinstance(v, dict) for v in per_file.values()):
-            raise DataError(
-                f'{file}: expected {{"up": "y", "front": "-z", "files": {{"chair/x.ply": {{"front": "x"}}}}}}'
-            )
-        return table, file
-    return {}, root
-
-
-def _turn(table: dict[str, Any], where: Path, file: Path, root: Path) -> np.ndarray:
-    """(3, 3) canonical from file: the file's own axes before the folder's, these before the format's."""
-    up, front = ("z", "-y") if file.suffix.lower() == ".stl" else ("y", "-z")
-    own = table.get("files", {}).get(file.resolve().relative_to(root).as_posix(), {})
-    up, front = (str(own.get(k, table.get(k, default))) for k, default in (("up", up), ("front", front)))
-    try:
-        return turn(up, front)
-    except DataError as error:
-        raise DataError(f"{where}, for {file.name}: {error}") from error

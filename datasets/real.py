@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from datasets import mesh_folder, sweethome3d_objects
+from datasets import mesh_folder, pix3d, shapenet, sweethome3d_objects
 from datasets.real_object import CLASSES, DataError, RealObject
 
 __all__ = ["DataError", "RealObject", "objects"]
@@ -43,13 +43,17 @@ def _list(path: Path, class_name: str | None) -> list[RealObject]:
     if path.is_dir():
         if catalogues := sorted(path.glob("*.sh3f")):
             return sweethome3d_objects.in_catalogues(catalogues)
+        if (path / pix3d.RECORDS).is_file():
+            return pix3d.in_folder(path)
+        if shapenet.is_shapenet(path):
+            return shapenet.in_folder(path)
         if mesh_folder.is_class_folders(path):
             return mesh_folder.in_class_folders(path)
         if mesh_folder.meshes(path):
             return mesh_folder.in_one_folder(path, class_name)
     raise DataError(
         f"{path} is not a layout that is known. Looked for: a .sh3f file or a folder of them; a folder with "
-        "pix3d.json; ShapeNet's folders (03001627/MODEL/model.obj or 03001627/MODEL/models/model_normalized.obj); a "
-        "folder with sub-folders bed, chair, shelf, sofa, table that hold OBJ, PLY, GLB, STL or OFF files; a folder of such files. "
+        "pix3d.json; ShapeNet's 03001627/MODEL/model.obj or 03001627/MODEL/models/model_normalized.obj; a folder with "
+        "sub-folders bed, chair, shelf, sofa, table of OBJ, PLY, GLB, STL or OFF files; a folder of such files. "
         "Give the folder that looks like one of these"
     )

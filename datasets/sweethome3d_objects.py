@@ -3,14 +3,15 @@
 The class rule goes by the words of the title (of the file's name where there is no title), plurals included:
 
 1. Left out when any word of EXCLUDED is there: other things that carry a furniture word (table lamp, pool table,
-   desk lamp, bedside table, shelf cabinet), furniture of another build (bunk bed, crib, ottoman), and sets.
+   desk lamp, bedside table, shelf cabinet), furniture of another build (bunk bed, day bed, ottoman).
 2. chair: chair, armchair. Before table, so that a desk chair is a chair. Stools and benches have no back: left out.
 3. sofa: sofa, couch.
 4. bed: bed.
 5. shelf: shelf, shelves, shelving, bookcase, bookshelf.
 6. table: table, desk.
 
-The models are Y up and face +Z once `modelRotation` is applied.
+The models are Y up and face +Z once `modelRotation` is applied, but for those that datasets/axes/CATALOGUE.json names.
+Their proportions are the file's: the few that a catalogue stretches to other sizes are not stretched.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from datasets import sweethome3d
-from datasets.real_object import RealObject, parse_mesh, turn, with_unique_names
+from datasets import file_axes, sweethome3d
+from datasets.real_object import RealObject, parse_mesh, with_unique_names
 
 WORDS = {
     "chair": ("chair", "armchair"),
@@ -34,7 +35,19 @@ WORDS = {
 }
 EXCLUDED = (
     *("lamp", "fan", "light", "tennis", "bat", "pool", "football", "game", "cabinet", "rack", "ottoman", "cushion"),
-    *("bedside", "baby", "bunk", "mezzanine", "hospital", "high", "opened", "changing", "dressing", "tablecloth"),
+    *(
+        "bedside",
+        "baby",
+        "bunk",
+        "day",
+        "mezzanine",
+        "hospital",
+        "high",
+        "opened",
+        "changing",
+        "dressing",
+        "tablecloth",
+    ),
 )
 
 
@@ -51,6 +64,7 @@ def in_catalogues(files: list[Path]) -> list[RealObject]:
     """The furniture of some catalogues. Raises CatalogueError for a damaged one."""
     objects = []
     for file in files:
+        axes = file_axes.find(file.stem)
         for model in sweethome3d.read_catalogue(file):
             class_name = class_of(model.title or re.sub(r"[-_]", " ", model.name))
             if class_name is not None:
@@ -61,7 +75,7 @@ def in_catalogues(files: list[Path]) -> list[RealObject]:
                         name=model.name,
                         source=f"{file}:{model.member}",
                         mask=None,
-                        canonical_from_file=turn("y", "z") @ np.array(model.rotation).reshape(3, 3),
+                        canonical_from_file=axes.turn(model.name, "y", "z") @ np.array(model.rotation).reshape(3, 3),
                         read=partial(_read, file, model),
                     )
                 )

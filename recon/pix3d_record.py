@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from datasets.pix3d import PIX3D_FROM_CANONICAL
 from recon.scene import InputError
 
 SENSOR_MM = 32.0
 OPENCV_FROM_PIX3D = np.diag([-1.0, -1.0, 1.0])
-# Model: y up, front towards -z. Canonical: z up, front towards -y.
-PIX3D_FROM_CANONICAL = np.array([(-1, 0, 0), (0, 0, 1), (0, 1, 0)], float)
 
 
 @dataclass(frozen=True)

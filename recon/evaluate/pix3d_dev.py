@@ -21,13 +21,13 @@ import cv2
 import numpy as np
 import trimesh
 
+from datasets.pix3d import PIX3D_FROM_CANONICAL
 from procmodels import Model, load
 from recon.camera_search import FoundView, find
 from recon.evaluate.metrics import chamfer
 from recon.evaluate.rows import Row, print_table
 from recon.evaluate.scenes import read_mask
 from recon.mask_windows import guessed_K, mask_box
-from recon.pix3d_record import PIX3D_FROM_CANONICAL
 from recon.raster import iou, silhouettes
 from recon.scene import Cameras, ReconError, cam_from_canonical
 from recon.view_bank import load_bank
