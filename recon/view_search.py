@@ -6,7 +6,7 @@ object moves away as the focal length grows, so that only the perspective change
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -91,6 +91,11 @@ class ViewSearch(_Search):
         if view.cam_from_model is not None:
             self.free[n : n + 3] = 0  # the turn
         self.area = float(self.hard.sum())
+
+    def neighbours(self, state: _State) -> Iterator[tuple[str, _State]]:
+        """As in refine; a known pose holds the front as well."""
+        known = self.view.cam_from_model is not None
+        return ((name, s) for name, s in super().neighbours(state) if not (known and name.startswith("front")))
 
     # Where the object is
 

@@ -6,12 +6,15 @@ import argparse
 import json
 import logging
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon.evaluate import chair, gallery, table1
-from recon.evaluate.rows import print_table, write_json
+from recon.evaluate import chair, gallery, table1, table2, table3
+from recon.evaluate.real_answers import INPUTS
+from recon.evaluate.rows import machine, print_table, write_json
+from recon.evaluate.table2 import Table2Row
 from recon.scene import ReconError
 
 WORK = Path(".cache/evaluate")
@@ -23,6 +26,8 @@ def main(argv: list[str] | None = None) -> int:
     tables = parser.add_subparsers(dest="table", required=True)
     _chair_flags(tables.add_parser("chair", help="photo sets of chairs: what was promised and what is measured"))
     _table1_flags(tables.add_parser("table1", help="the paper's Table 1: tasks, baselines, ablations"))
+    _table2_flags(tables.add_parser("table2", help="the paper's Table 2: real objects from every kind of input"))
+    _table3_flags(tables.add_parser("table3", help="the paper's Table 3: meshes, beside ShapeAssembly's figures"))
     for command in tables.choices.values():
         command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
@@ -89,6 +94,62 @@ def _table1(args: argparse.Namespace) -> int:
         if args.json:
             _add_rows(args.json, [row])
     table1.print_rows(rows, sys.stdout)
+    return 0
+
+
+def _table2_flags(parser: argparse.ArgumentParser) -> None:
+    _real_flags(parser, names())
+    parser.add_argument("--input", action="append", choices=tuple(INPUTS), help="may be repeated; all")
+    parser.set_defaults(run=lambda args: _real(args, args.input or tuple(INPUTS), table2.summary))
+
+
+def _table3_flags(parser: argparse.ArgumentParser) -> None:
+    _real_flags(parser, table3.CLASSES)
+    parser.set_defaults(run=lambda args: _real(args, ("mesh",), table3.summary))
+
+
+def _real_flags(parser: argparse.ArgumentParser, classes: Sequence[str]) -> None:
+    parser.add_argument(
+        "--data",
+        type=Path,
+        action="append",
+        metavar="PATH",
+        help="ShapeNet, Pix3D, a .sh3f catalogue or a folder of meshes; may be repeated",
+    )
+    parser.add_argument("--class", dest="classes", action="append", choices=classes, help="may be repeated; all")
+    parser.add_argument("--limit", type=int, help="only the first objects of a class and source")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE's rows")
+    parser.set_defaults(all_classes=tuple(classes))
+
+
+def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[list[Table2Row]], str]) -> int:
+    if args.show:
+        sys.stdout.write(summary([Table2Row.from_json(r) for r in json.loads(args.show.read_text())]))
+        return 0
+    if not args.data:
+        raise ValueError("--data PATH is needed: ShapeNet, Pix3D, a .sh3f catalogue or a folder of meshes")
+    if args.limit is not None and args.limit < 1:
+        raise ValueError(f"--limit {args.limit}: at least 1")
+    options = table2.Table2Options(
+        data=tuple(args.data),
+        classes=tuple(args.classes or args.all_classes),
+        inputs=tuple(inputs),
+        limit=args.limit,
+        seed=args.seed,
+        work=args.work,
+    )
+    rows: list[Table2Row] = []
+    for found in table2.run(options):
+        rows += found
+        table2.write_csv(rows, args.work / f"{args.table}.csv")
+        if args.json:
+            table2.write_rows(rows, args.json)
+    if not rows:
+        raise ValueError("none of the data holds an object of these classes")
+    sys.stdout.write(f"Measured on {machine()}.\n\n{summary(rows)}")
+    for sheet in table2.write_worst(rows, args.work):
+        sys.stdout.write(f"the worst: {sheet}\n")
     return 0
 
 

@@ -24,13 +24,13 @@ def true_scene(truth: Photoset) -> tuple[Poses, Silhouettes]:
     """The true masks and cameras of a rendered photo set."""
     cameras = Cameras(tuple(truth.names), truth.K, truth.cam_from_world, truth.sizes)
     lowest = float(trimesh.load_mesh(truth.mesh).bounds[0, 2])
-    return _scene(cameras, [read_mask(p) for p in truth.masks], Canonical(truth.world_from_canonical), lowest)
+    return posed_scene(cameras, [read_mask(p) for p in truth.masks], Canonical(truth.world_from_canonical), lowest)
 
 
 def drawn_scene(shape: Shape, cameras: Cameras, canonical: Canonical) -> tuple[Poses, Silhouettes]:
     """Exact silhouettes of a shape that stands at `canonical`."""
     masks = silhouettes(shape, cameras.K, cam_from_canonical(cameras, canonical), cameras.sizes)
-    return _scene(cameras, masks, canonical, float(shape.bounds()[0, 2]))
+    return posed_scene(cameras, masks, canonical, float(shape.bounds()[0, 2]))
 
 
 def orbit(views: int, seed: int = 0) -> tuple[Cameras, Canonical]:
@@ -51,7 +51,10 @@ def orbit(views: int, seed: int = 0) -> tuple[Cameras, Canonical]:
     return Cameras(names, K, cam_from_world, sizes), Canonical(world_from_canonical)
 
 
-def _scene(cameras: Cameras, masks: list[np.ndarray], canonical: Canonical, lowest: float) -> tuple[Poses, Silhouettes]:
+def posed_scene(
+    cameras: Cameras, masks: list[np.ndarray], canonical: Canonical, lowest: float
+) -> tuple[Poses, Silhouettes]:
+    """Given masks as silhouettes of an object at `canonical`, with the floor below its `lowest` canonical height."""
     matrix, n = canonical.world_from_canonical, len(cameras)
     normal = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     foot = matrix[:3, :3] @ [0, 0, lowest] + matrix[:3, 3]
