@@ -36,7 +36,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--box", metavar="X,Y,W,H", help="of one image: pixels round the object, which is then cut out")
     p.add_argument("--pix3d", type=Path, metavar="FILE", help="of one image: Pix3D's pix3d.json with its camera")
     p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
-    p.add_argument("--cameras", type=Path, metavar="PATH", help="known cameras: COLMAP model or transforms.json")
+    p.add_argument(
+        "--cameras",
+        type=Path,
+        metavar="PATH",
+        help="known cameras of photos or a splat: COLMAP model or transforms.json",
+    )
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
     p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
     p.add_argument("--frames", type=int, default=40, metavar="N", help="of a video, that are used (default 40)")
@@ -77,10 +82,13 @@ def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
     from recon import from_image, inputs, pipeline, shape_pipeline
     from recon.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.one_mask import parse_box
+    from recon.scene import InputError
     from recon.video import VideoOptions
 
     seen = inputs.recognise(args.photos, args.input)
-    if seen.kind in inputs.SHAPES:
+    if seen.kind in inputs.SHAPES and args.cameras is not None and seen.kind != inputs.Kind.SPLAT:
+        raise InputError(f"--cameras belongs to photos, a video or a Gaussian splat; {args.photos} is {seen.what}")
+    if seen.kind in inputs.SHAPES and args.cameras is None:
         stands = shape_pipeline.ShapeOptions(up=args.up, front=args.front)
         asked = shape_pipeline.ShapeRunOptions(args.class_name, args.height, args.seed, stands)
         return shape_pipeline.run(args.photos, out, seen, asked).report_json

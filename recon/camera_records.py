@@ -40,6 +40,7 @@ class CameraRecords:
     cam_from_world  (V, 4, 4) float, rigid, OpenCV axes, the file's own world and units
     points          (n, 3) float, sparse points, same world; n may be 0
     tracks          (n, V) bool, which camera saw which point
+    masks           V paths of masks that the file names, or None; empty when it names none
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class CameraRecords:
     cam_from_world: np.ndarray
     points: np.ndarray
     tracks: np.ndarray
+    masks: tuple[Path | None, ...] = ()
 
     def subset(self, keep: list[int]) -> CameraRecords:
         """The cameras at these indices, in that order, with all points."""
@@ -62,6 +64,7 @@ class CameraRecords:
             self.cam_from_world[keep],
             self.points,
             self.tracks[:, keep],
+            tuple(self.masks[i] for i in keep) if self.masks else (),
         )
 
 

@@ -1,4 +1,4 @@
-"""From what the user gave (photo folder, video, photos with known cameras) to one folder of photos."""
+"""From what the user gave (photos, a video, photos or a splat with known cameras) to one folder of photos."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from recon import known_cameras, video
+from recon import known_cameras, splat_views, video
 from recon.scene import InputError
 from recon.store import digest, folder_digest
 
@@ -33,6 +33,8 @@ def check(source: Path, cameras: Path | None) -> None:
         return video.check(source)
     if source.is_dir() or (source.is_file() and known_cameras.find(source) is not None):
         return
+    if cameras is not None and source.is_file() and splat_views.is_splat(source):
+        return
     what = "is not a folder of photos, a video, or a transforms.json" if source.exists() else "is not a folder or file"
     raise InputError(f"{source} {what}; give the folder that holds the photos")
 
@@ -47,10 +49,14 @@ def run(
 ) -> Photos:
     """The photos of a source; frames of a video go to `work`/video, links to photos with cameras to `work`/given.
 
+    A splat with cameras is drawn into `work`/given.
+
     cameras  a COLMAP model's folder or a transforms.json; None: one that `source` itself is or holds is used, if
              `look_for_cameras`
     Raises InputError.
     """
+    if cameras is not None and source.is_file() and splat_views.is_splat(source):
+        return _known(splat_views.gather(source, cameras, work / FOLDER))
     folder, warnings = source, ()  # type: tuple[Path, tuple[str, ...]]
     if video.is_video(source):
         folder = work / "video"
@@ -62,7 +68,10 @@ def run(
         found = known_cameras.find(source)
     if found is None:
         return Photos(folder, None, folder_digest(folder), warnings)
-    given = known_cameras.gather(folder, found, work / FOLDER)
+    return _known(known_cameras.gather(folder, found, work / FOLDER), warnings)
+
+
+def _known(given: known_cameras.Given, warnings: tuple[str, ...] = ()) -> Photos:
     files = [hashlib.sha256(f.read_bytes()).hexdigest() for f in known_cameras.camera_files(given.source)]
-    key = digest(folder_digest(given.folder), files)
+    key = digest(folder_digest(given.folder), folder_digest(given.masks), files)
     return Photos(given.folder, given, key, warnings)

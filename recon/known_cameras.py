@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -35,6 +35,7 @@ class Given:
     names    V names in `folder`
     records  their V cameras, for the upright photos at the sizes in the records
     warnings what the user should know
+    masks    folder of the masks that the file names, called like the photos with another ending added; None: none
     """
 
     source: Path
@@ -42,6 +43,12 @@ class Given:
     names: tuple[str, ...]
     records: CameraRecords
     warnings: tuple[str, ...]
+    masks: Path | None = None
+
+    @property
+    def masked(self) -> bool:
+        """Whether every photo has a mask in the file."""
+        return self.masks is not None and all(self.records.masks)
 
 
 def find(path: Path) -> Path | None:
@@ -63,6 +70,11 @@ def camera_files(source: Path) -> list[Path]:
     return [p for p in (source, transforms_file.points_file(source)) if p is not None]
 
 
+def read(source: Path, library: Library) -> CameraRecords:
+    """The cameras of a COLMAP model's folder or a transforms.json. Raises InputError when they are damaged."""
+    return colmap_model.read(source) if source.is_dir() else transforms_file.read(source, library.upright_size)
+
+
 def gather(photos: Path, cameras: Path, folder: Path) -> Given:
     """Read cameras, find their photos at and around `photos`, and link these into `folder` (made anew).
 
@@ -75,7 +87,7 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
             ".txt) or a transforms.json"
         )
     library = Library(photos, source)
-    records = colmap_model.read(source) if source.is_dir() else transforms_file.read(source, library.upright_size)
+    records = read(source, library)
     paths = [library.find(name) for name in records.names]
     placed = [None if p is None else upright(records, i, p) for i, p in enumerate(paths)]
     have = [i for i, u in enumerate(placed) if u is not None]
@@ -87,8 +99,26 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
     link([paths[i] for i in have], names, folder)
     kept = records.subset(have)
     sizes, K, poses = (np.array(part) for part in zip(*(placed[i] for i in have), strict=True))
-    turned = CameraRecords(kept.names, sizes, K, kept.k1, kept.left_over, poses, kept.points, kept.tracks)
-    return Given(source, folder, names, turned, tuple(warnings))
+    turned = replace(kept, sizes=sizes, K=K, cam_from_world=poses)
+    masks = folder.with_name(f"{folder.name}-masks") if kept.masks else None
+    if masks is not None:
+        _link_masks(source, kept, names, masks)
+    return Given(source, folder, names, turned, tuple(warnings), masks)
+
+
+def _link_masks(source: Path, records: CameraRecords, names: tuple[str, ...], folder: Path) -> None:
+    """Masks called like the photos, PHOTO.jpg.png; raises InputError when one is missing."""
+    for name, mask in zip(records.names, records.masks, strict=True):
+        if mask is not None and not mask.is_file():
+            raise InputError(
+                f"{source}, frame {name}: its mask {mask} is missing; put it there, or remove mask_path from the frame "
+                "to have the object found in the photo"
+            )
+    link(
+        list(records.masks),
+        tuple(f"{n}{m.suffix if m else ''}" for n, m in zip(names, records.masks, strict=True)),
+        folder,
+    )
 
 
 def place(frames: Frames, given: Given, workdir: Path) -> Poses:
@@ -112,7 +142,7 @@ def place(frames: Frames, given: Given, workdir: Path) -> Poses:
         paths.append(frames.paths[v] if k1 == 0 else _undistorted(frames.paths[v], k, float(k1), out))
     cameras = Cameras(tuple(frames.names[v] for v in view), K, records.cam_from_world, sizes)
     points, tracks = records.points, records.tracks
-    masked = all(frames.alpha[v] is not None for v in view)
+    masked = given.masked or all(frames.alpha[v] is not None for v in view)
     if not masked and len(points) < LEAST_POINTS:
         log.info("looking for points of the room, which the file has too few of")
         points, tracks = triangulate(cameras, tuple(paths))

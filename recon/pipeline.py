@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,6 +37,7 @@ from recon.store import Store, code_version, dataclasses_of, digest, folder_dige
 from recon.versions import versions
 
 log = logging.getLogger("recon")
+WORK = ".recon"  # below the output folder: results of the stages
 STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", "outputs")
 T = TypeVar("T")
 
@@ -71,9 +74,28 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     Raises InputError (the user's input or options) or ReconstructionError (no result possible); whatever was finished
     before stays in `out/.recon` and is used by the next run.
     """
-    models = _checked(photos, out, options)
-    options = _seeded(options)
-    work = out / ".recon"
+    models = _checked(photos, options)
+    wanted.check(options.height, out)
+    with _nothing_half_written(out):
+        return _run(photos, out, models, _seeded(options))
+
+
+@contextmanager
+def _nothing_half_written(out: Path) -> Iterator[None]:
+    """Makes the folder `out`, and removes it again when it was not there before and no stage was finished."""
+    new = not out.exists()
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except scene.ReconError:
+        if new and not any((out / WORK / f"{name}.json").exists() for name in STAGES):
+            shutil.rmtree(out, ignore_errors=True)
+        raise
+
+
+def _run(photos: Path, out: Path, models: list[Model], options: ReconOptions) -> OutputPaths:
+    """The stages, one after the other."""
+    work = out / WORK
     source = gather.run(photos, work, options.cameras, options.video, options.force, options.look_for_cameras)
     if source.cameras:  # two pictures may look alike and yet be taken from two places
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))
@@ -81,10 +103,11 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
 
     shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
     placed = stages.run("poses", options.poses, lambda: _placed(shots, source, work, options))
+    drawn = options.masks or (source.cameras.masks if source.cameras else None)
     masks = stages.run(
         "silhouettes",
-        [options.silhouettes, folder_digest(options.masks)],
-        lambda: silhouettes.run(shots, placed, options.masks, work, options.silhouettes),
+        [options.silhouettes, folder_digest(drawn)],
+        lambda: silhouettes.run(shots, placed, drawn, work, options.silhouettes),
     )
     place = stages.run("align", options.align, lambda: align.run(placed, masks, options.align))
     solid = stages.run("hull", options.hull, lambda: hull.run(placed, masks, place, options.hull))
@@ -174,17 +197,14 @@ class _Stages:
         return result
 
 
-def _checked(photos: Path, out: Path, options: ReconOptions) -> list[Model]:
+def _checked(photos: Path, options: ReconOptions) -> list[Model]:
     """The models to try; everything else that can be found wrong before minutes are spent. Raises InputError."""
     gather.check(photos, options.cameras)
     if options.masks is not None and not options.masks.is_dir():
         raise InputError(f"{options.masks} is not a folder; --masks wants the folder that holds the masks")
     if options.start is not None and options.start not in STAGES:
         raise InputError(f"there is no stage {options.start!r}; stages: {', '.join(STAGES)}")
-    models = _with_weights(options.class_name)
-    wanted.check(options.height, out)
-    out.mkdir(parents=True, exist_ok=True)
-    return models
+    return _with_weights(options.class_name)
 
 
 def _with_weights(class_name: str) -> list[Model]:

@@ -19,6 +19,7 @@ class CleaningOptions:
     least_points: int = 20  # fewer say nothing about a shape
     outlier: float = 4.0  # a point this many times as far from its neighbours as usual is left out
     floor_overhang: float = 1.15  # a flat sheet this many times as wide as what stands on it is a floor
+    floor_share: float = 0.08  # of the points; a sheet of fewer is no floor
 
 
 def cleaned(
@@ -52,7 +53,7 @@ def cleaned(
         points = points[np.random.default_rng(seed).permutation(len(points))[:most]]
     if noisy:
         points = _without_outliers(points, options.outlier, said)
-    points = _without_floor(points, ups, options.floor_overhang, said)
+    points = _without_floor(points, ups, options, said)
     return _largest(points, said), said
 
 
@@ -70,7 +71,9 @@ def _without_outliers(points: np.ndarray, limit: float, said: list[str]) -> np.n
     return points
 
 
-def _without_floor(points: np.ndarray, ups: tuple[str, ...], overhang: float, said: list[str]) -> np.ndarray:
+def _without_floor(
+    points: np.ndarray, ups: tuple[str, ...], options: CleaningOptions, said: list[str]
+) -> np.ndarray:
     """Without a flat sheet at the lower end that sticks out beyond everything else.
 
     Not at the upper end: a table's top is such a sheet, too.
@@ -80,10 +83,10 @@ def _without_floor(points: np.ndarray, ups: tuple[str, ...], overhang: float, sa
         height = sign * points[:, axis]
         sheet = height - height.min() < 0.015 * np.ptp(points, axis=0).max()
         others = [i for i in range(3) if i != axis]
-        if not 0.08 < sheet.mean() < 0.9:
+        if not options.floor_share < sheet.mean() < 0.9:
             continue
         wide, rest = (np.ptp(p[:, others], axis=0) for p in (points[sheet], points[~sheet]))
-        if (wide > overhang * rest).all() and (np.percentile(height[~sheet], 90) - height.min()) > 0:
+        if (wide > options.floor_overhang * rest).all() and (np.percentile(height[~sheet], 90) - height.min()) > 0:
             said.append(f"a floor under the object ({sheet.mean():.0%} of the points) is left out")
             return points[~sheet]
     return points

@@ -47,6 +47,7 @@ def read(path: Path, size_of: SizeOf) -> CameraRecords:
             f"{path} is not a transforms.json: frames with file_path and transform_matrix, and fl_x or camera_angle_x "
             f"are needed ({type(error).__name__}: {error})"
         ) from error
+    masks = [path.parent / str(m).replace("\\", "/") if (m := frames[i].get("mask_path")) else None for i in unique]
     points = _points(path, content)
     sizes, lenses, poses = zip(*rows, strict=True) if rows else ((), (), ())
     return CameraRecords(
@@ -58,6 +59,7 @@ def read(path: Path, size_of: SizeOf) -> CameraRecords:
         np.array(poses).reshape(-1, 4, 4),
         points,
         np.zeros((len(points), len(unique)), bool),
+        tuple(masks) if any(masks) else (),
     )
 
 

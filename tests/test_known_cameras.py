@@ -12,13 +12,14 @@ import trimesh
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from recon import camera_files, colmap_model, known_cameras, transforms_file
+from recon import camera_files, colmap_model, gather, known_cameras, silhouettes, transforms_file
 from recon import frames as frames_stage
 from recon.camera_records import as_one_term, lens
 from recon.intrinsics import held, parse_focal_mm, parse_intrinsics
 from recon.matching_plan import camera_groups
 from recon.scene import Cameras, Frames, InputError, Poses
 from recon.standing import floor, floor_under
+from recon.video import VideoOptions
 from run_recon import main
 
 SHIPPED = Path(__file__).parents[1] / "datasets" / "samples" / "chair"
@@ -56,7 +57,17 @@ def scene(rng, tmp_path):
     points = rng.normal(size=(150, 3))
     poses = Poses(cameras, tuple(tmp_path / "src" / n for n in names), points, np.zeros((150, 5), bool))
     camera_files.write(tmp_path / "set", poses)
+    for i in range(5):  # which transforms.json names
+        draw_mask(tmp_path / "masks" / f"p{i}.png", i)
     return poses
+
+
+def draw_mask(path, left):
+    """A white box that begins in another column for every photo."""
+    mask = np.zeros(SIZE[::-1], np.uint8)
+    mask[20:50, 10 + 5 * left : 60] = 255
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), mask)
 
 
 def write_binary(folder, poses, model=1, extra=()):
@@ -220,6 +231,32 @@ def test_missing_images(scene, tmp_path):
     with pytest.raises(InputError, match=r"4 of 5 images .* missing \(p0.png, p1.png, p2.png, \.\.\.\)"):
         known_cameras.gather(tmp_path / "set", tmp_path / "set", tmp_path / "g2")
     assert not (tmp_path / "g2").exists(), "nothing half-written"
+
+
+def test_masks_that_the_file_names(scene, tmp_path):
+    """Relative to the file, as the user's own masks; the COLMAP model beside it names none."""
+    file = tmp_path / "set" / "transforms.json"
+    found = gather.run(tmp_path / "set", tmp_path / "work", file, VideoOptions())
+    assert found.cameras.masked
+    shots = frames_stage.run(found.folder, tmp_path / "work", frames_stage.FramesOptions(same_difference=-1))
+    poses = known_cameras.place(shots, found.cameras, tmp_path / "work")
+    masks = silhouettes.run(shots, poses, found.cameras.masks, tmp_path / "work")
+    assert set(masks.source) == {"user"}
+    for i, mask in enumerate(masks.masks):
+        assert np.flatnonzero(mask.any(0))[0] == 10 + 5 * i
+    draw_mask(tmp_path / "masks" / "p2.png", 7)
+    assert gather.run(tmp_path / "set", tmp_path / "work", file, VideoOptions()).key != found.key
+    assert known_cameras.gather(tmp_path / "set", tmp_path / "set", tmp_path / "g").masks is None
+
+
+def test_a_mask_that_is_missing_is_named(scene, tmp_path, capsys):
+    (tmp_path / "masks" / "p3.png").unlink()
+    file, out = tmp_path / "set" / "transforms.json", tmp_path / "out"
+    assert main([str(tmp_path / "set"), "--cameras", str(file), "--out", str(out)]) == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert "frame images/p3.png" in message
+    assert "masks/p3.png is missing" in message
+    assert not out.exists(), "nothing half-written"
 
 
 def test_a_model_of_other_images(scene, tmp_path):
