@@ -135,7 +135,7 @@ def _agreement(r: dict[str, Any]) -> str:
     if "distance" in r:
         return f"D_chamfer {r['distance']:.5f} to {r['input']['what']} ({r['input']['stands']})"
     score = "no photo is used" if r["mean_iou"] is None else f"outlines agree by {r['mean_iou']:.3f} (mean IoU)"
-    return f"{score}, {r['registered']['n']} of {r['registered']['of']} photos registered"
+    return f"{score}, {r['registered']['how']}"
 
 
 if __name__ == "__main__":

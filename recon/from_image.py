@@ -156,6 +156,8 @@ def _result(
         height_m=options.height,
         versions=versions(),
         classes=searched.classes,
+        views="masks" if masked.source == "user" and options.mask is None else "images",
+        placed="estimated" if view.cam_from_model is None else "given",
     )
 
 

@@ -161,4 +161,6 @@ def _result(
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
+        views="masks",
+        placed="estimated",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recon import known_cameras, splat_views, video
@@ -15,12 +15,16 @@ FOLDER = "given"  # below the work folder: links to the photos of known cameras
 
 @dataclass(frozen=True)
 class Photos:
-    """A folder of photos, their cameras when these are known, a digest of all that was read, and warnings."""
+    """A folder of photos, their cameras when these are known, a digest of all that was read, and warnings.
+
+    views is what the photos are, in the plural.
+    """
 
     folder: Path
     cameras: known_cameras.Given | None
     key: str
     warnings: tuple[str, ...] = ()
+    views: str = "photos"
 
 
 def check(source: Path, cameras: Path | None) -> None:
@@ -56,7 +60,7 @@ def run(
     Raises InputError.
     """
     if cameras is not None and source.is_file() and splat_views.is_splat(source):
-        return _known(splat_views.gather(source, cameras, work / FOLDER))
+        return replace(_known(splat_views.gather(source, cameras, work / FOLDER)), views="views of the splat")
     folder, warnings = source, ()  # type: tuple[Path, tuple[str, ...]]
     if video.is_video(source):
         folder = work / "video"

@@ -25,7 +25,7 @@ from procmodels.export import Asset, export_glb, export_obj, save_blend
 from procmodels.shape import Shape
 from procmodels.space import Choice, Integer, Scalar
 from recon import camera_files, contact_sheet, report, shape_pictures
-from recon.result import Result
+from recon.result import Result, seen
 from recon.scene import InputError
 from recon.shade import render_previews
 
@@ -111,6 +111,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         "registered": {
             "n": len(result.poses.cameras),
             "of": len(result.frames.names),
+            "how": seen(result),
             "missing": list(result.poses.unregistered),
             "unreadable": [{"name": name, "reason": reason} for name, reason in result.frames.skipped],
         },

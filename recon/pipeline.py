@@ -31,7 +31,7 @@ from recon import (
     wanted,
 )
 from recon.outputs import OutputPaths
-from recon.result import Result
+from recon.result import REGISTERED, Result
 from recon.scene import InputError
 from recon.store import Store, code_version, dataclasses_of, digest, folder_digest
 from recon.versions import versions
@@ -131,6 +131,8 @@ def _run(photos: Path, out: Path, models: list[Model], options: ReconOptions) ->
         height_m=options.height,
         versions=versions(),
         classes=chosen.classes,
+        views=source.views,
+        placed=REGISTERED if source.cameras is None else "given",
     )
     log.info("[8/8] outputs")
     return outputs.run(result, out, options.outputs, model)

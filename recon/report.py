@@ -14,7 +14,7 @@ from procmodels.export import Asset
 from procmodels.space import Choice, Flag, Integer, Parameter, Scalar
 from recon.contact_sheet import MASK_COLOUR, RESULT_COLOUR, Tile, colour_of
 from recon.report_style import CSS
-from recon.result import Result, tried
+from recon.result import Result, counted, seen, tried
 
 FILES = {
     "model.blend": "Blender: named parts, parameters as custom properties of the empty, Z up",
@@ -46,14 +46,17 @@ def words(result: Result, asset: Asset) -> Words:
     text = f"{what}; {_size(asset)}. "
     if used:
         score = float(result.view_iou[result.silhouettes.used].mean())
-        text += f"{used} of {_photos(given)} used; mean outline agreement {score:.2f}: {verdict(score)}."
+        how = (
+            f"{used} of {counted(result)} used; mean outline" if given > 1 else f"{seen(result).capitalize()}; outline"
+        )
+        text += f"{how} agreement {score:.2f}: {verdict(score)}."
     if (met := result.shape) is not None:
         apart = 100 * (met.distance / 2) ** 0.5
         text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
         return Words(f"{_spaced(result.class_name).capitalize()} from {met.what}", text)
     if result.classes:
         text += f" No class was named: {tried(result.classes)}."
-    return Words(f"{_spaced(result.class_name).capitalize()} from {_photos(given)}", text.strip())
+    return Words(f"{_spaced(result.class_name).capitalize()} from {counted(result)}", text.strip())
 
 
 def verdict(iou: float) -> str:
@@ -71,7 +74,8 @@ def page(
     """The HTML. `facts` is the content of report.json."""
     ranked = sorted(tiles, key=lambda t: (not t.used, -(t.iou or 0)))
     confidence = facts["confidence"]
-    seen = "Input, from the same sides" if "input" in facts else "Photos, best first"
+    heading = "The image" if facts["registered"]["of"] == 1 else "Views, best first"
+    heading = "Input, from the same sides" if "input" in facts else heading
     body = [
         f"<header><h1>{escape(text.title)}</h1><p class=lead>{escape(text.sentence)}</p></header>",
         f"<div class=renders>{''.join(_picture(r, f'result, view {i + 1}', 92) for i, r in enumerate(renders))}</div>",
@@ -81,7 +85,7 @@ def page(
         f"<section><h2>Parameters</h2>{_parameters(asset, facts['params'])}</section>",
         f"<section><h2>Files</h2>{_files(files)}{_alternatives(facts)}</section>",
         "</div>",
-        f"<section><h2>{seen}</h2>{_legend(facts)}",
+        f"<section><h2>{heading}</h2>{_legend(facts)}",
         f"<div class=views>{''.join(map(_view, ranked))}</div></section>",
         f"<div class=columns><section><h2>Seconds</h2>{_seconds(facts['seconds'])}</section>",
         f"<section><h2>Versions</h2>{_versions(facts)}</section></div>",
@@ -215,10 +219,6 @@ def _versions(facts: dict[str, Any]) -> str:
 
 def _listed(items: list[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
-
-
-def _photos(count: int) -> str:
-    return "one image" if count == 1 else f"{count} photos"
 
 
 def _spaced(name: str) -> str:

@@ -29,6 +29,9 @@ class ShapeEvidence:
     alternatives: tuple[tuple[str, float], ...] = ()
 
 
+REGISTERED = "registered"  # by structure from motion
+
+
 @dataclass(frozen=True)
 class Result:
     """Everything that the last stage writes down.
@@ -42,6 +45,8 @@ class Result:
     versions      of the packages that made it
     classes       (name, mean IoU) of every class tried, best first; empty when the class was named
     shape         what was met when the input was a shape; there are no views then
+    views         what the views are, in the plural: "photos", "images", "masks", "views of the splat"
+    placed        how they got their cameras: REGISTERED, "given" or "estimated"
     """
 
     class_name: str
@@ -61,6 +66,8 @@ class Result:
     versions: dict[str, str]
     classes: tuple[tuple[str, float], ...] = ()
     shape: ShapeEvidence | None = None
+    views: str = "photos"
+    placed: str = REGISTERED
 
     def __post_init__(self) -> None:
         n = len(self.poses.cameras)
@@ -68,6 +75,21 @@ class Result:
             raise ValueError(f"view_iou must be ({n},), got {self.view_iou.shape}")
         if self.silhouettes.names != self.poses.cameras.names:
             raise ValueError("silhouettes and cameras must name the same views in the same order")
+
+
+def seen(result: Result) -> str:
+    """The views and their cameras in words, as in "26 of 28 photos registered" or "one image, camera estimated"."""
+    n, of = len(result.poses.cameras), len(result.frames.names)
+    if result.placed == REGISTERED:
+        return f"{n} of {counted(result)} {REGISTERED}"
+    some = "" if n == of else f"{n} of "
+    return f"{some}{counted(result)}, camera{'s' * (of > 1)} {result.placed}"
+
+
+def counted(result: Result) -> str:
+    """How many views were given, in words: "one image", "28 photos"."""
+    of = len(result.frames.names)
+    return f"one {result.views.removesuffix('s')}" if of == 1 else f"{of} {result.views}"
 
 
 def tried(classes: tuple[tuple[str, float], ...]) -> str:

@@ -17,6 +17,7 @@ from made_up import CHAIR, made_up, without_views
 import procmodels
 from recon import camera_files, contact_sheet, outputs, report
 from recon.outputs import OutputsOptions
+from recon.result import seen
 from recon.scene import Canonical, InputError, cam_from_canonical
 from recon.shade import ShadeOptions, render_previews
 
@@ -75,6 +76,7 @@ def test_report_json(written):
     assert content["registered"]["n"] == 3
     assert content["registered"]["of"] == 4
     assert content["registered"]["missing"] == ["b.JPG"]
+    assert content["registered"]["how"] == "3 of 4 photos registered"
     assert content["seconds"]["total"] >= 21.5
     assert content["seed"] == 3
     assert content["versions"] == {"python": "3.11"}
@@ -272,3 +274,50 @@ def test_a_photo_that_vanished(result, model, tmp_path):
     gone = replace(result, frames=replace(result.frames, paths=(Path("gone.png"),) * 4))
     with pytest.raises(InputError, match=re.escape("gone.png")):
         outputs.run(gone, tmp_path / "out", SMALL, model)
+
+
+def test_views_and_their_cameras_in_words(result, model):
+    """What is said is true of what was given: photos that were placed, one image, masks, a splat."""
+    assert seen(result) == "3 of 4 photos registered"
+    assert seen(replace(result, placed="given")) == "3 of 4 photos, cameras given"
+    one = only_the_first(result)
+    assert seen(one) == "one image, camera estimated"
+    assert "One image, camera estimated; outline agreement" in report.words(one, outputs.asset_of(one, model)).sentence
+    assert report.words(one, outputs.asset_of(one, model)).title == "Chair from one image"
+    assert seen(replace(one, views="masks", placed="given")) == "one mask, camera given"
+
+
+def only_the_first(result):
+    """The result as if its first photo had been the only one."""
+    frames, poses, masks = result.frames, result.poses, result.silhouettes
+    return replace(
+        result,
+        frames=replace(
+            frames,
+            names=frames.names[:1],
+            paths=frames.paths[:1],
+            sizes=frames.sizes[:1],
+            focal_px=frames.focal_px[:1],
+            sharpness=frames.sharpness[:1],
+            alpha=frames.alpha[:1],
+            original=None,
+        ),
+        poses=replace(
+            poses,
+            cameras=poses.cameras.subset([0]),
+            paths=poses.paths[:1],
+            tracks=poses.tracks[:, :1],
+            unregistered=(),
+        ),
+        silhouettes=replace(
+            masks,
+            names=masks.names[:1],
+            masks=masks.masks[:1],
+            source=masks.source[:1],
+            used=masks.used[:1],
+            reasons=(),
+        ),
+        view_iou=result.view_iou[:1],
+        views="images",
+        placed="estimated",
+    )
