@@ -116,3 +116,31 @@ def test_broken_catalogues_are_named(tmp_path: Path) -> None:
     path = write_catalogue(tmp_path / "lost.sh3f", properties="model#1=/lost.obj\n")
     with pytest.raises(CatalogueError, match=r"lost\.obj"):
         sweethome3d.extract_model(path, sweethome3d.find_model(path, "lost"), tmp_path / "out")
+
+
+def test_a_damaged_member_is_named(tmp_path: Path) -> None:
+    long = OBJ + b"".join(b"v %d 0 %d\n" % (i, i * i) for i in range(200))
+    path = write_catalogue(tmp_path / "c.sh3f", {"models/chair/chair.obj": long})
+    model = sweethome3d.find_model(path, "chair")
+    assert sweethome3d.read_obj(path, model) == long
+    with zipfile.ZipFile(path) as archive:
+        start = archive.getinfo(model.member).header_offset + 30 + len(model.member)
+    whole = path.read_bytes()
+    for damage in (b"\xff" * 40, b"\0" * 40):  # no deflate stream at all, and one that gives other bytes
+        path.write_bytes(whole[:start] + damage + whole[start + 40 :])
+        with pytest.raises(CatalogueError, match=r"chair\.obj is damaged"):
+            sweethome3d.read_obj(path, model)
+
+
+def test_a_bomb_is_refused_whatever_size_it_declares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bomb = b"v 0 0 0\n" * 100_000
+    path = write_catalogue(tmp_path / "c.sh3f", {"models/stool.obj": bomb})
+    model = sweethome3d.find_model(path, "stool")
+    assert path.stat().st_size < len(bomb) / 50
+    monkeypatch.setattr(sweethome3d, "MAX_FILE", len(bomb) // 2)
+    with pytest.raises(CatalogueError, match=r"stool\.obj: .* MB unpacked"):
+        sweethome3d.read_obj(path, model)
+    declared = len(bomb).to_bytes(4, "little")
+    path.write_bytes(path.read_bytes().replace(declared, (100).to_bytes(4, "little")))
+    with pytest.raises(CatalogueError, match=r"stool\.obj is damaged"):
+        sweethome3d.read_obj(path, model)
