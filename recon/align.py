@@ -37,7 +37,7 @@ def run(poses: Poses, silhouettes: Silhouettes, options: AlignOptions = AlignOpt
         )
     used = np.flatnonzero(silhouettes.used)
     cameras = poses.cameras.subset(used)
-    masks = [silhouettes.masks[i] for i in used]
+    masks = [silhouettes.possible(i) for i in used]
     world_from_floor = floor_frame(silhouettes.floor, looked_at(cameras, masks))
     low, high = _reach(cameras, masks, world_from_floor)
     for cells in (options.coarse, options.fine):

@@ -19,7 +19,7 @@ class Crops:
 
     cameras  the views' cameras for these windows (K moved and scaled, poses unchanged)
     masks    (V, S, S) float32, share of a window's pixel that is object
-    valid    (V, S, S) bool, False where the window reaches beyond the photo
+    valid    (V, S, S) bool, False where the window reaches beyond the photo, or the mask says nothing
     """
 
     cameras: Cameras
@@ -45,7 +45,7 @@ def object_crops(
         pixels = in_camera @ K[i].T
         left, top, side = _window(pixels[:, :2] / pixels[:, 2:], silhouettes.masks[view])
         masks.append(_cut(silhouettes.masks[view].astype(np.float32), left, top, side, size))
-        valid.append(_cut(np.ones(silhouettes.masks[view].shape, np.float32), left, top, side, size) > 0.99)
+        valid.append(_cut(silhouettes.known(view).astype(np.float32), left, top, side, size) > 0.99)
         K[i, :2, 2] -= (left, top)
         K[i, :2] *= size / side
     sizes = np.full((len(views), 2), size)

@@ -34,7 +34,7 @@ def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos
         cam_from_canonical(poses.cameras, refined.canonical),
         poses.cameras.sizes,
     )
-    view_iou = np.array([iou(a, b) for a, b in zip(drawn, masks.masks, strict=True)])
+    view_iou = np.array([iou(d & masks.known(v), masks.masks[v]) for v, d in enumerate(drawn)])
     mean = float(view_iou[masks.used].mean())
     agreement = float(np.clip((mean - POOR) / (GOOD - POOR), 0, 1))
     coverage = float(masks.used.sum() / max(photos, 1))

@@ -157,6 +157,8 @@ class Silhouettes:
     used    (V,) bool: False for views that disagree with the others; they are kept for the report only
     floor   (4,) float or None: plane (n, d) in the world frame with n . X + d = 0, |n| = 1, n towards the cameras
     reasons why a view is not used: (name, reason)
+    unknown V of (H, W) bool or None: pixels that may be object or not, such as behind a plant; () when there are none.
+            They count neither for nor against a shape. A mask is False there.
     """
 
     names: tuple[str, ...]
@@ -165,12 +167,23 @@ class Silhouettes:
     used: np.ndarray
     floor: np.ndarray | None = None
     reasons: tuple[tuple[str, str], ...] = ()
+    unknown: tuple[np.ndarray | None, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.names)
+        _check(len(self.unknown) in (0, n), "unknown must be empty or of one length with the masks")
         _check(len(self.masks) == n and len(self.source) == n, "names, masks and source must have one length")
         _check(all(m.dtype == bool and m.ndim == 2 for m in self.masks), "masks must be (H, W) bool")
         _check(self.used.shape == (n,) and self.used.dtype == bool, "used must be (V,) bool")
+
+    def known(self, view: int) -> np.ndarray:
+        """(H, W) bool: where the mask of a view says something."""
+        hidden = self.unknown[view] if self.unknown else None
+        return np.ones(self.masks[view].shape, bool) if hidden is None else ~hidden
+
+    def possible(self, view: int) -> np.ndarray:
+        """(H, W) bool: where the object is or may be; carving must not cut there."""
+        return self.masks[view] | ~self.known(view)
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ def run(
     Raises InputError when no given mask can be used, ReconstructionError when the object cannot be found without one.
     """
     cameras = poses.cameras
-    known, reasons = _known(frames, poses, masks_dir)
+    known, unknown, reasons = _known(frames, poses, masks_dir)
     given = {cameras.names.index(name): mask for name, (_, mask) in known.items()}
     open_views = [v for v, name in enumerate(cameras.names) if v not in given and name not in dict(reasons)]
     room, problem = _room(poses, options)
@@ -80,13 +80,15 @@ def run(
     level = standing.floor(
         None if room is None else room.floor, cameras.subset(trusted), [masks[v] for v in trusted], not open_views
     )
-    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons))
+    hidden = tuple(unknown.get(name) for name in cameras.names) if unknown else ()
+    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), hidden)
 
 
 def _known(
     frames: Frames, poses: Poses, masks_dir: Path | None
-) -> tuple[dict[str, tuple[str, np.ndarray]], list[tuple[str, str]]]:
-    """(source, mask) by photo name for masks that need not be found, and (name, reason) for those that are no good."""
+) -> tuple[dict[str, tuple[str, np.ndarray]], dict[str, np.ndarray], list[tuple[str, str]]]:
+    """By photo name (source, mask) of masks that need not be found, and where they say nothing; and (name, reason) of
+    those that are no good."""
     known: dict[str, tuple[str, np.ndarray]] = {}
     for name, path in zip(frames.names, frames.alpha, strict=True):
         if path is not None and name in poses.cameras.names:
@@ -99,11 +101,11 @@ def _known(
                 continue
             known[name] = ("alpha", undistorted_mask(mask, poses, name))
     if masks_dir is None:
-        return known, []
+        return known, {}, []
     drawn = usermasks.load_folder(masks_dir, frames, poses)
     known.update({name: ("user", mask) for name, mask in drawn.masks.items()})
     bad = [(name, reason) for name, reason in drawn.bad if name not in known]
-    return known, bad
+    return known, drawn.unknown, bad
 
 
 def _room(poses: Poses, options: SilhouetteOptions) -> tuple[Room | None, str]:

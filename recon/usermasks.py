@@ -13,7 +13,10 @@ from recon.scene import Frames, InputError, Poses
 from recon.undistort import undistorted_mask
 
 EXTENSIONS = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif", ".pgm", ".ppm", ".pbm", ".heic"}
-EXPECTED = "expected: a picture named like its photo, of the photo's shape, white = object, black = the rest"
+EXPECTED = (
+    "expected: a picture named like its photo, of the photo's shape, white = object, black = the rest (middle grey = "
+    "hidden or unsure)"
+)
 
 
 class BadMask(Exception):
@@ -22,10 +25,16 @@ class BadMask(Exception):
 
 @dataclass(frozen=True)
 class UserMasks:
-    """masks: (H, W) bool by photo name, as the undistorted photo lies; bad: (photo or file name, reason)."""
+    """The masks of a folder.
+
+    masks    (H, W) bool by photo name, as the undistorted photo lies
+    bad      (photo or file name, reason)
+    unknown  (H, W) bool by photo name, only where a mask has grey areas: they may be object or not
+    """
 
     masks: dict[str, np.ndarray]
     bad: tuple[tuple[str, str], ...]
+    unknown: dict[str, np.ndarray]
 
 
 def load_folder(folder: Path, frames: Frames, poses: Poses) -> UserMasks:
@@ -40,6 +49,7 @@ def load_folder(folder: Path, frames: Frames, poses: Poses) -> UserMasks:
         raise InputError(f"the folder of masks {folder} holds no pictures. {EXPECTED}")
     masks: dict[str, np.ndarray] = {}
     bad: list[tuple[str, str]] = []
+    unknown: dict[str, np.ndarray] = {}
     unplaced = 0
     for file in files:
         try:
@@ -53,7 +63,11 @@ def load_folder(folder: Path, frames: Frames, poses: Poses) -> UserMasks:
         try:
             if name in masks:
                 raise BadMask(f"{file.name}: a second mask for the photo {name}; keep one of them")
-            masks[name] = undistorted_mask(read_mask(file, _frame_size(name, frames, poses)), poses, name)
+            size = _frame_size(name, frames, poses)
+            mask, grey = read_mask(file, size), read_unknown(file, size)
+            masks[name] = undistorted_mask(mask & ~grey, poses, name)
+            if grey.any():
+                unknown[name] = undistorted_mask(grey, poses, name)
         except BadMask as error:
             bad.append((name, str(error)))
     if not masks:
@@ -61,7 +75,7 @@ def load_folder(folder: Path, frames: Frames, poses: Poses) -> UserMasks:
             "; ".join(reason for _, reason in bad[:3]) or f"{unplaced} masks belong to photos that were not placed"
         )
         raise InputError(f"no mask in {folder} can be used: {problems}{_more(len(bad) - 3)}")
-    return UserMasks(masks, tuple(bad))
+    return UserMasks(masks, tuple(bad), unknown)
 
 
 def _more(count: int) -> str:
@@ -111,6 +125,18 @@ def read_mask(file: Path, size: tuple[int, int]) -> np.ndarray:
         colour = "white" if mask.all() else "black"
         raise BadMask(f"{file.name}: is all {colour}. {EXPECTED}")
     return mask
+
+
+def read_unknown(file: Path, size: tuple[int, int]) -> np.ndarray:
+    """(height, width) bool: areas of middle grey, as trimaps have them, of a mask that `read_mask` takes.
+
+    Soft edges are grey as well, but thin: what an opening by 9 pixels takes away does not count.
+    """
+    with Image.open(file) as picture:
+        grey = _grey(ImageOps.exif_transpose(picture))
+    middle = (np.abs(grey / grey.max() - 0.5) < 0.06).astype(np.uint8)
+    areas = cv2.morphologyEx(middle, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
+    return cv2.resize(areas, size, interpolation=cv2.INTER_NEAREST) > 0
 
 
 def _grey(picture: Image.Image) -> np.ndarray:

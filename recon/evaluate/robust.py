@@ -1,0 +1,134 @@
+"""How much wrong masks cost: own shapes from 24 masks with known cameras, the masks spoilt in one way at a time.
+
+python -m recon.evaluate robust --class chair --shapes 6
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import trimesh
+from tqdm import tqdm
+
+from procmodels import Model, load
+from recon.evaluate.chair import from_silhouettes
+from recon.evaluate.held_out import cases
+from recon.evaluate.metrics import chamfer
+from recon.evaluate.rows import Row
+from recon.evaluate.scenes import drawn_scene, orbit
+from recon.scene import Poses, ReconError, Silhouettes
+from recon.silhouettes import SilhouetteOptions, judge
+
+VIEWS = 24
+LOST = 0.05  # D_chamfer that counts for a set without an answer: a quite different shape
+
+Spoilt = Callable[[Silhouettes, np.random.Generator], Silhouettes]
+
+
+@dataclass(frozen=True)
+class RobustOptions:
+    """What is measured."""
+
+    classes: tuple[str, ...] = ("chair",)
+    shapes: int = 6  # held-out, off the grid
+    radius: int = 2  # px of erosion and dilation, in pictures of 800 x 600
+    share: float = 0.2  # of the masks that are replaced
+
+
+def exact(masks: Silhouettes, rng: np.random.Generator) -> Silhouettes:
+    """Nothing is spoilt."""
+    return masks
+
+
+def grown(radius: int) -> Spoilt:
+    """All masks wider by so many pixels, or narrower where it is negative."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * abs(radius) + 1,) * 2)
+    change = cv2.dilate if radius > 0 else cv2.erode
+
+    def spoil(masks: Silhouettes, rng: np.random.Generator) -> Silhouettes:
+        return replace(masks, masks=tuple(change(m.astype(np.uint8), kernel) > 0 for m in masks.masks))
+
+    return spoil
+
+
+def replaced(share: float) -> Spoilt:
+    """This share of the masks is noise: blobs anywhere, or another view's mask shifted."""
+
+    def spoil(masks: Silhouettes, rng: np.random.Generator) -> Silhouettes:
+        out = list(masks.masks)
+        for i, v in enumerate(rng.permutation(len(out))[: round(share * len(out))]):
+            if i % 2:
+                shift = tuple(rng.integers(60, 160, 2) * rng.choice([-1, 1], 2))
+                out[v] = np.roll(masks.masks[rng.integers(len(out))], shift, (0, 1))
+            else:
+                noise = cv2.GaussianBlur(rng.normal(size=out[v].shape), (0, 0), 25)
+                out[v] = noise > np.quantile(noise, 1 - max(0.05, float(masks.masks[v].mean())))
+        return replace(masks, masks=tuple(out))
+
+    return spoil
+
+
+def cut_off(masks: Silhouettes, rng: np.random.Generator) -> Silhouettes:
+    """A third of the masks lose what lies beyond a straight edge through the object, as behind a table; it is marked
+    as unknown."""
+    out, unknown = list(masks.masks), [None] * len(masks.masks)  # type: tuple[list, list]
+    for v in rng.permutation(len(out))[: len(out) // 3]:
+        rows, columns = np.nonzero(out[v])
+        hidden = np.zeros(out[v].shape, bool)
+        if rng.random() < 0.5:
+            hidden[int(np.quantile(rows, 0.75)) :] = True
+        else:
+            hidden[:, int(np.quantile(columns, 0.75)) :] = True
+        out[v], unknown[v] = out[v] & ~hidden, hidden
+    return replace(masks, masks=tuple(out), unknown=tuple(unknown))
+
+
+def ways(options: RobustOptions) -> dict[str, Spoilt]:
+    """Name -> what is done to the masks; "exact" first."""
+    r = options.radius
+    return {
+        "exact": exact,
+        f"eroded by {r} px": grown(-r),
+        f"dilated by {r} px": grown(r),
+        f"{100 * options.share:.0f} % replaced": replaced(options.share),
+        "a third partly hidden, marked so": cut_off,
+    }
+
+
+def run(options: RobustOptions) -> Iterator[Row]:
+    """A row a class and way: mean D_chamfer, for the spoilt ones what they cost over the exact masks."""
+    for name in options.classes:
+        model = load(name)
+        held_out = cases(model, "off", options.shapes)
+        base = 0.0
+        for way, spoil in ways(options).items():
+            found = []
+            for i, case in enumerate(tqdm(held_out, desc=f"{name}, {way}", disable=None)):
+                cameras, place = orbit(VIEWS, seed=i)
+                poses, masks = drawn_scene(case.shape, cameras, place)
+                masks = judged(poses, spoil(masks, np.random.default_rng([11, i])))
+                found.append(distance(model, poses, masks, case.mesh))
+            mean = float(np.mean(found))
+            if way == "exact":
+                base = mean
+                yield Row(f"{name}, {VIEWS} masks, exact: D_chamfer", mean)
+            else:
+                yield Row(f"{name}, {way}: D_chamfer more than exact", mean - base, "<= 0.0003")
+
+
+def judged(poses: Poses, masks: Silhouettes) -> Silhouettes:
+    """The masks that contradict the others put aside, as the silhouette stage does."""
+    used, reasons = judge(poses.cameras, list(masks.masks), masks.used, None, SilhouetteOptions())
+    return replace(masks, used=used, reasons=tuple(reasons))
+
+
+def distance(model: Model, poses: Poses, masks: Silhouettes, mesh: trimesh.Trimesh) -> float:
+    """D_chamfer of the result in its own canonical frame; LOST without a result."""
+    try:
+        refined = from_silhouettes(model, poses, masks)
+    except ReconError:
+        return LOST
+    return chamfer(model.build(refined.params).to_trimesh(), mesh)
