@@ -58,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
     # are tiny. Both must be set before torch and numpy load.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    args = parser().parse_args(argv)
+    args = parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
     for noisy in ("PIL", "trimesh", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
@@ -75,6 +75,17 @@ def main(argv: list[str] | None = None) -> int:
         return 130
     sys.stdout.write(summary(report))
     return 0
+
+
+def _joined(argv: list[str]) -> list[str]:
+    """`--front -y` as `--front=-y`: argparse would take -y for another option."""
+    out: list[str] = []
+    for word in argv:
+        if out and out[-1] in ("--up", "--front") and word in ("-x", "-y", "-z"):
+            out[-1] += f"={word}"
+        else:
+            out.append(word)
+    return out
 
 
 def _reconstructed(args: argparse.Namespace, out: Path) -> Path:

@@ -183,9 +183,11 @@ def _missing(
         parts.append(f"{len(other)} of {total} have another shape than their cameras ({_listed(other)})")
     if len(have) >= 2:
         return ["; ".join(parts) + "; the others are used"] if parts else []
+    if not parts:
+        raise InputError(f"{source}: it has {total} cameras, at least 2 are needed")
     kind = "a COLMAP model of other images" if source.is_dir() else "of other images"
-    why = "; ".join(parts) or f"it has {total} cameras, at least 2 are needed"
-    raise InputError(f"{source} is {kind} than those in {photos}: {why}" if parts else f"{source}: {why}")
+    what = "give the folder that holds its images, with --cameras"
+    raise InputError(f"{source} is {kind} than those in {photos}: {'; '.join(parts)}; {what} {source}")
 
 
 def _listed(names: list[str]) -> str:
