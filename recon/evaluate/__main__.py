@@ -11,9 +11,10 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon.evaluate import chair, gallery, table1, table2, table3
+from recon.evaluate import chair, gallery, speed, table1, table2, table3
 from recon.evaluate.real_answers import INPUTS
 from recon.evaluate.rows import machine, print_table, write_json
+from recon.evaluate.speed_rows import SpeedOptions, quick, read_rows, write_rows
 from recon.evaluate.table2 import Table2Row
 from recon.scene import ReconError
 
@@ -28,6 +29,7 @@ def main(argv: list[str] | None = None) -> int:
     _table1_flags(tables.add_parser("table1", help="the paper's Table 1: tasks, baselines, ablations"))
     _table2_flags(tables.add_parser("table2", help="the paper's Table 2: real objects from every kind of input"))
     _table3_flags(tables.add_parser("table3", help="the paper's Table 3: meshes, beside ShapeAssembly's figures"))
+    _speed_flags(tables.add_parser("speed", help="times side by side: renderers, fits, growth, limits, stages"))
     for command in tables.choices.values():
         command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
@@ -171,6 +173,27 @@ def _gallery(args: argparse.Namespace) -> int:
     options = gallery.GalleryOptions(task4=args.task4, grid=args.grid, out=args.out, data=args.data, work=args.work)
     for path in gallery.run(args.classes or names(), options):
         sys.stdout.write(f"{path}\n")
+    return 0
+
+
+def _speed_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quick", action="store_true", help="under a minute: few repeats, no photos")
+    parser.add_argument("--repeats", type=int, default=SpeedOptions.repeats, help="turns of every side (5)")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the README's table of FILE")
+    parser.set_defaults(run=_speed)
+
+
+def _speed(args: argparse.Namespace) -> int:
+    if args.show:
+        sys.stdout.write(speed.compact(read_rows(args.show)))
+        return 0
+    if args.repeats < 1:
+        raise ValueError(f"--repeats {args.repeats}: at least 1")
+    options = SpeedOptions(repeats=args.repeats, work=args.work)
+    options = quick(options) if args.quick else options
+    rows = speed.print_rows(speed.run(options), options, sys.stdout)
+    if args.json:
+        write_rows(rows, args.json)
     return 0
 
 
