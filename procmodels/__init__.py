@@ -5,6 +5,8 @@ A model file defines
     build(params)     a list of Parts, standing on z = 0, facing -Y, in any unit
 and may define
     live_object(params, material)   a Blender object whose modifier builds the same mesh, its inputs the parameters
+    turned_round(params)            if these values look like an object seen from behind, the values of about the same
+                                    shape facing the other way; else None
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ class Model:
     space: ParamSpace
     build_parts: Callable[[Params], list[Part]]
     live_object: Callable[[Params, Any], Any] | None = None
+    turned_round: Callable[[Params], Params | None] | None = None
 
     @property
     def name(self) -> str:
@@ -62,7 +65,7 @@ def load(name: str) -> Model:
     space, build = getattr(module, "SPACE", None), getattr(module, "build", None)
     if not isinstance(space, ParamSpace) or not callable(build):
         raise ModelError(f"{name}: a model file defines SPACE (a ParamSpace) and build(params)")
-    return Model(space, build, getattr(module, "live_object", None))
+    return Model(space, build, getattr(module, "live_object", None), getattr(module, "turned_round", None))
 
 
 def _module_from(path: Path) -> ModuleType:

@@ -33,6 +33,7 @@ PILLOW = (0.5, 0.32, 0.12)  # width, depth and thickness, where there is room
 SHARE = 0.8  # of its part of the bed's width that a pillow may take
 GAP = 0.03  # between the pillows and the mattress's end
 LEAST = 1e-5  # a lower board is left out
+CLEARLY = 0.03  # by which a footboard is higher than the headboard when the bed is rather turned round
 
 
 def build(params: Params) -> list[Part]:
@@ -50,6 +51,12 @@ def build(params: Params) -> list[Part]:
         box("mattress", (INSET - w / 2, -end, top), (w / 2 - INSET, end, soft), bevel=BEVEL),
         *_pillows(int(params["pillows"]), w, end - GAP, soft),
     ]
+
+
+def turned_round(params: Params) -> Params | None:
+    """The values of the bed facing the other way when its footboard is the higher one: hardly any bed is built so."""
+    head, foot = float(params["headboard_height"]), float(params["footboard_height"])
+    return {**params, "headboard_height": foot, "footboard_height": head} if foot > head + CLEARLY else None
 
 
 def _board(name: str, w: float, y: float, z: float, height: float) -> list[Part]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procmodels import Model
+from recon import confidence
 from recon.refine import Refined
 from recon.scene import Canonical
 from recon.view_bank import Bank
@@ -36,13 +37,14 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     polished = job.distinct([job.polish(s) for s in starts], options.finals, 2)
     job.options = options.fine
     finals = sorted((job.climbed(job.improve_choices(s)) for s in polished), key=job.iou, reverse=True)
-    best = job.climbed(finals[0])
+    best = job.climbed(job.faced(finals[0]))
     refined = Refined(
         job.params(best),
         Canonical(best.canonical),
         job.agreement(best),
         max(map(job.agreement, starts)),
         tuple(sorted([*job.alternatives(best), *job.other_cameras(best, finals[1:])], key=lambda a: -a[1])),
+        confidence.run(job, best),
     )
     K = view.K.copy()
     K[(0, 1), (0, 1)] *= best.zoom

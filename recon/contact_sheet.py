@@ -70,6 +70,8 @@ def _overlay(
     drawn = silhouettes(shape, K[None], cam_from_canonical[None], np.array([size]))[0]
     outside = ~(found | drawn)
     picture[outside] = picture[outside] // 4 + (_muted(picture)[outside] // 4 * 3)[:, None]
+    for wrong, colour in ((found & ~drawn, MASK_COLOUR), (drawn & ~found, RESULT_COLOUR)):
+        picture[wrong] = (picture[wrong] * 0.55 + np.array(colour) * 0.45).astype(np.uint8)
     for outlined, colour in ((found, MASK_COLOUR), (drawn, RESULT_COLOUR)):
         contours, _ = cv2.findContours(outlined.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         cv2.polylines(picture, list(contours), True, colour, FINE, cv2.LINE_AA)

@@ -156,6 +156,7 @@ def _result(
         height_m=options.height,
         versions=versions(),
         classes=searched.classes,
+        certainty=found.refined.certainty,
         views="masks" if masked.source == "user" and options.mask is None else "images",
         placed="estimated" if view.cam_from_model is None else "given",
     )

@@ -25,6 +25,7 @@ from procmodels.export import Asset, export_glb, export_obj, save_blend
 from procmodels.shape import Shape
 from procmodels.space import Choice, Integer, Scalar
 from recon import camera_files, contact_sheet, report, shape_pictures
+from recon.confidence import LEVEL
 from recon.result import Result, seen
 from recon.scene import InputError
 from recon.shade import render_previews
@@ -87,6 +88,17 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
     return _paths(out, options)
 
 
+def _certainty(result: Result) -> dict[str, Any]:
+    """How sure each parameter is: an interval for scalars, for choices the chance of being right and the best rival."""
+    if (sure := result.certainty) is None:
+        return {}
+    intervals = {n: {"low": round(low, 5), "high": round(high, 5)} for n, (low, high) in sure.intervals.items()}
+    choices = {
+        n: {"chance": round(c.chance, 3), "rival": c.rival, "behind": round(c.gap, 4)} for n, c in sure.choices.items()
+    }
+    return {"certainty": {"level": LEVEL, "params": {**intervals, **choices}}}
+
+
 def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
     """What report.json holds; mean_iou is over the used views, None without views."""
     used = result.silhouettes.used
@@ -107,6 +119,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         "mean_iou": round(float(result.view_iou[used].mean()), 4) if used.any() else None,
         "confidence": round(result.confidence, 4),
         "explanation": result.explanation,
+        **_certainty(result),
         "alternatives": [{"what": what, "iou": round(score, 4)} for what, score in result.alternatives],
         "registered": {
             "n": len(result.poses.cameras),

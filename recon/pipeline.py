@@ -16,6 +16,7 @@ from procmodels import Model
 from recon import (
     align,
     auto_class,
+    confidence,
     fit,
     frames,
     gather,
@@ -131,6 +132,7 @@ def _run(photos: Path, out: Path, models: list[Model], options: ReconOptions) ->
         height_m=options.height,
         versions=versions(),
         classes=chosen.classes,
+        certainty=refined.certainty,
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
     )
@@ -177,7 +179,7 @@ class _Stages:
     """Runs stages through the store; a stage's key covers its options and the keys of all stages before it."""
 
     def __init__(self, work: Path, options: ReconOptions, inputs: list[str]) -> None:
-        known = dataclasses_of(scene, hull, fit, refine, auto_class)
+        known = dataclasses_of(scene, hull, fit, refine, confidence, auto_class)
         self.store, self.seconds = Store(work, known), {}  # type: tuple[Store, dict[str, float]]
         self.chain = digest(inputs, options.seed)
         if options.force or options.start:

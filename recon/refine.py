@@ -17,12 +17,17 @@ from tqdm import tqdm
 from procmodels import Model
 from procmodels.shape import Shape
 from procmodels.space import Params
+from recon import confidence
 from recon.align import quarter_turn
+from recon.confidence import Certainty
 from recon.crops import Crops, object_crops
 from recon.fit import FitResult
 from recon.raster import coverage
 from recon.raster import silhouettes as silhouettes_of
 from recon.scene import Canonical, Poses, Silhouettes, cam_from_canonical
+
+HALF_TURN = "front turned by 180 degrees"
+NEARLY = 0.1  # of what is left unexplained: so much worse may the likelier of two fronts be
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,7 @@ class Refined:
     mean_iou            with the silhouettes used, at window size
     start_iou           the same before any polishing (best candidate)
     alternatives        (description, mean IoU) of other fronts and choices, best first
+    certainty           how sure each parameter is
     """
 
     params: Params
@@ -54,6 +60,7 @@ class Refined:
     mean_iou: float
     start_iou: float
     alternatives: tuple[tuple[str, float], ...]
+    certainty: Certainty | None = None
 
 
 @dataclass(frozen=True)
@@ -81,9 +88,10 @@ def run(
     start_iou = scored[0][0]
     polished = [search.polish(states[i]) for _, i in scored[: options.candidates]]
     best = max(polished, key=search.iou)
-    best = search.improve_choices(best)
+    best = search.faced(search.improve_choices(best))
     score, alternatives = search.iou(best), search.alternatives(best)
-    return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives)
+    sure = confidence.run(search, best)
+    return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives, sure)
 
 
 def quick_iou(
@@ -170,8 +178,8 @@ class _Search:
         side = 2 * round((np.sqrt(6 * blur**2 + 1) - 1) / 2) + 1
         return np.concatenate([cv2.blur(cv2.blur(d, (side, side)), (side, side)).ravel() for d in difference])
 
-    def _step(self, state: _State, blur: float, damping: float) -> tuple[_State, float, bool]:
-        """One damped Gauss-Newton step; returns the state, the next damping, and whether it lowered the error."""
+    def linearised(self, state: _State, blur: float) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (m,) of the blurred outlines, and their derivatives (m, n + 7) as `moved` counts changes."""
         here = self._residual(state, blur)
         n = len(self.scalars)
         sizes = np.array([self.options.scalar_step] * n + [self.options.pose_step] * 7)
@@ -180,7 +188,11 @@ class _Search:
         columns = [
             (self._residual(self.moved(state, d), blur) - here) / s for d, s in zip(np.diag(sizes), sizes, strict=True)
         ]
-        J = np.stack(columns, 1)
+        return here, np.stack(columns, 1)
+
+    def _step(self, state: _State, blur: float, damping: float) -> tuple[_State, float, bool]:
+        """One damped Gauss-Newton step; returns the state, the next damping, and whether it lowered the error."""
+        here, J = self.linearised(state, blur)
         hessian, gradient = J.T @ J, J.T @ here
         for _ in range(4):
             delta = -np.linalg.solve(hessian + np.diag(damping * np.diag(hessian) + 1e-6), gradient)
@@ -200,7 +212,7 @@ class _Search:
                     yield f"{p.name} = {value}", replace(state, discrete={**state.discrete, p.name: value})
         for k in (1, 2, 3):
             yield (
-                f"front turned by {90 * k} degrees",
+                HALF_TURN if k == 2 else f"front turned by {90 * k} degrees",
                 replace(state, canonical=state.canonical @ quarter_turn(k), turn=(state.turn + k) % 4),
             )
 
@@ -217,6 +229,19 @@ class _Search:
             score = self.iou(state)
         final = self.polish(state, blurs=(self.options.blurs[-1], 0.8), steps=2 * self.options.steps)
         return final if self.iou(final) > score else state
+
+    def faced(self, state: _State) -> _State:
+        """The state, or the same object facing the other way when its values say that it is seen from behind and the
+        outlines are explained nearly as well."""
+        other = self.model.turned_round(self.params(state)) if self.model.turned_round else None
+        turned = [s for name, s in self.neighbours(state) if name == HALF_TURN]
+        if other is None or not turned:
+            return state
+        units = np.array([s.unit_from_value(float(other[s.name])) for s in self.scalars])
+        discrete = {p.name: other[p.name] for p in self.model.space.discrete}
+        found = self.improve_choices(self.polish(replace(turned[0], units=units, discrete=discrete)))
+        score = self.iou(state)
+        return found if self.iou(found) >= score - NEARLY * (1 - score) - 5e-4 else state
 
     def alternatives(self, state: _State) -> tuple[tuple[str, float], ...]:
         """The other fronts polished, and the other choices as they are, best first."""

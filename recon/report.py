@@ -74,6 +74,7 @@ def page(
     """The HTML. `facts` is the content of report.json."""
     ranked = sorted(tiles, key=lambda t: (not t.used, -(t.iou or 0)))
     confidence = facts["confidence"]
+    sure = facts.get("certainty", {}).get("params", {})
     heading = "The image" if facts["registered"]["of"] == 1 else "Views, best first"
     heading = "Input, from the same sides" if "input" in facts else heading
     body = [
@@ -82,7 +83,7 @@ def page(
         f"<p class=confidence><b>Confidence {confidence:.2f}</b> {_bar(confidence)} {escape(facts['explanation'])}</p>",
         _warnings(facts),
         "<div class=columns>",
-        f"<section><h2>Parameters</h2>{_parameters(asset, facts['params'])}</section>",
+        f"<section><h2>Parameters</h2>{_parameters(asset, facts['params'], sure)}</section>",
         f"<section><h2>Files</h2>{_files(files)}{_alternatives(facts)}</section>",
         "</div>",
         f"<section><h2>{heading}</h2>{_legend(facts)}",
@@ -115,13 +116,16 @@ def _size(asset: Asset) -> str:
     )
 
 
-def _parameters(asset: Asset, values: dict[str, Any]) -> str:
-    """A table: name, value, and where it lies in its range."""
+def _parameters(asset: Asset, values: dict[str, Any], sure: dict[str, Any]) -> str:
+    """A table: name, value, where it lies in its range, and how sure it is: a band, or a share and the best rival."""
     rows = []
     for p in asset.space.parameters:
         value = values[p.name]
         if isinstance(p, Scalar):
             shown, where = f"{value:.3f}", _ranged(p.unit_from_value(float(value)), f"{p.low:g}", f"{p.high:g}")
+            if about := sure.get(p.name):
+                ends = [p.unit_from_value(float(about[k])) for k in ("low", "high")]
+                where = _ranged(p.unit_from_value(float(value)), f"{p.low:g}", f"{p.high:g}", (min(ends), max(ends)))
             shown += f" <small>{escape(p.unit)}</small>"
         elif isinstance(p, Integer):
             share = (value - p.low) / max(p.high - p.low, 1)
@@ -131,16 +135,24 @@ def _parameters(asset: Asset, values: dict[str, Any]) -> str:
             shown = str(value) if isinstance(p, Choice) else ("yes" if value else "no")
             where = " ".join(f"<span class={'chosen' if o == shown else 'other'}>{escape(o)}</span>" for o in options)
             shown = escape(shown)
+        if "chance" in (about := sure.get(p.name, {})):
+            where += f" <small>{100 * about['chance']:.0f} % sure, else {escape(_plain(about['rival']))}</small>"
         rows.append(f"<tr><th>{escape(_spaced(p.name))}</th><td>{shown}</td><td>{where}</td></tr>")
     return f"<table class=parameters>{''.join(rows)}</table>"
 
 
-def _ranged(share: float, low: str, high: str) -> str:
-    return f"<span class=range><small>{low}</small>{_bar(share)}<small>{high}</small></span>"
+def _plain(value: Any) -> str:
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else _spaced(str(value))
 
 
-def _bar(share: float) -> str:
-    return f'<span class=bar><i style="width:{100 * min(max(share, 0), 1):.1f}%"></i></span>'
+def _ranged(share: float, low: str, high: str, sure: tuple[float, float] | None = None) -> str:
+    return f"<span class=range><small>{low}</small>{_bar(share, sure)}<small>{high}</small></span>"
+
+
+def _bar(share: float, sure: tuple[float, float] | None = None) -> str:
+    """A bar filled up to a share; `sure` marks where the value lies in nine of ten cases."""
+    band = "" if sure is None else f'<u style="left:{100 * sure[0]:.1f}%;width:{100 * (sure[1] - sure[0]):.1f}%"></u>'
+    return f'<span class=bar><i style="width:{100 * min(max(share, 0), 1):.1f}%"></i>{band}</span>'
 
 
 def _warnings(facts: dict[str, Any]) -> str:
@@ -178,7 +190,8 @@ def _picture(image: np.ndarray, text: str, quality: int) -> str:
 def _legend(facts: dict[str, Any]) -> str:
     if "input" in facts:
         return ""
-    pairs = ((MASK_COLOUR, "outline found in the photo"), (RESULT_COLOUR, "outline of the result"))
+    drawn = "outline of the result; filled where the two differ"
+    pairs = ((MASK_COLOUR, "outline found in the photo"), (RESULT_COLOUR, drawn))
     keys = [f'<span><i style="background:rgb{c}"></i>{t}</span>' for c, t in pairs]
     return f"<p class=legend>{''.join(keys)}<span>number: intersection over union, 1 is perfect</span></p>"
 

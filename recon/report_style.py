@@ -23,10 +23,12 @@ td { width: 99%; }
 .range { display: flex; align-items: center; gap: .5rem; }
 .range small:first-child { width: 2em; text-align: right; }
 .range .bar { flex: 1; }
-.bar { display: inline-block; height: 7px; min-width: 60px; border-radius: 4px; background: #e7e2d8; overflow: hidden;
+.bar { position: relative; display: inline-block; height: 7px; min-width: 60px; border-radius: 4px;
+  background: #e7e2d8; overflow: hidden;
   vertical-align: middle; }
 td > .bar { width: 100%; }
 .bar i { display: block; height: 100%; background: var(--accent); border-radius: 4px; }
+.bar u { position: absolute; top: 0; height: 100%; background: #2b2823; opacity: .35; min-width: 2px; }
 .chosen, .other { display: inline-block; padding: 0 .5em; border-radius: 4px; }
 .chosen { background: var(--accent); color: #fff; }
 .other { color: var(--faint); }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procmodels.space import Params
+from recon.confidence import Certainty
 from recon.scene import Canonical, Frames, Poses, Silhouettes
 
 
@@ -44,6 +45,7 @@ class Result:
     height_m      real height of the object in metres, None when it was not given
     versions      of the packages that made it
     classes       (name, mean IoU) of every class tried, best first; empty when the class was named
+    certainty     how sure each parameter is, None where that is not measured
     shape         what was met when the input was a shape; there are no views then
     views         what the views are, in the plural: "photos", "images", "masks", "views of the splat"
     placed        how they got their cameras: REGISTERED, "given" or "estimated"
@@ -65,6 +67,7 @@ class Result:
     height_m: float | None
     versions: dict[str, str]
     classes: tuple[tuple[str, float], ...] = ()
+    certainty: Certainty | None = None
     shape: ShapeEvidence | None = None
     views: str = "photos"
     placed: str = REGISTERED

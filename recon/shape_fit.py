@@ -19,6 +19,8 @@ from recon.scene import Canonical
 from recon.shape_score import Body, Places, Score
 from recon.shapes import Hypothesis, Target, grids_of, hypotheses
 
+NEARLY = 0.15  # of the distance: so much farther may the likelier of two fronts be
+
 
 @dataclass(frozen=True)
 class ShapeFitOptions:
@@ -75,7 +77,7 @@ def run(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions
     best = [search.polish(s, 3) for s in _spread(starts, options.keep)]
     best.sort(key=search.loss)
     found = min((search.improve(s) for s in best[:2]), key=search.loss)
-    found = search.polish(found, 8)
+    found = search.faced(search.polish(found, 8))
     alternatives = search.alternatives(found, starts)
     way = ways[found.way]
     return ShapeFit(
@@ -236,6 +238,20 @@ class _Search:
                 break
             state, loss = best, lower
         return state
+
+    def faced(self, state: _State) -> _State:
+        """The state, or the same object facing the other way when its values say that it is seen from behind and it
+        lies nearly as close."""
+        other = self.model.turned_round(self.params(state)) if self.model.turned_round else None
+        half = np.diag([-1.0, -1, 1])
+        here = self.ways[state.way].input_from_canonical[:3, :3]
+        ways = [i for i, w in enumerate(self.ways) if np.allclose(w.input_from_canonical[:3, :3], here @ half)]
+        if other is None or not ways:
+            return state
+        mirrored = state.move * (1, -1, -1, 1, 1)
+        turned = replace(self.state(other, ways[0]), move=mirrored)
+        found = self.polish(self.improve(self.polish(turned, 3)), 8)
+        return found if self.loss(found) <= (1 + NEARLY) * self.loss(state) + 2e-5 else state
 
     def alternatives(self, found: _State, starts: list[_State]) -> tuple[tuple[str, float], ...]:
         """Other choices as they are, and the best start of every other way to stand, by distance."""
