@@ -90,26 +90,37 @@ def _joined(argv: list[str]) -> list[str]:
 
 def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
     """Run what fits the input; returns report.json."""
-    from recon import from_image, inputs, pipeline, shape_pipeline
-    from recon.intrinsics import parse_focal_mm, parse_intrinsics
-    from recon.one_mask import parse_box
+    from recon import inputs
+    from recon.light_open3d import without_plotting
     from recon.scene import InputError
-    from recon.video import VideoOptions
 
+    without_plotting()
     seen = inputs.recognise(args.photos, args.input)
     if seen.kind in inputs.SHAPES and args.cameras is not None and seen.kind != inputs.Kind.SPLAT:
         raise InputError(f"--cameras belongs to photos, a video or a Gaussian splat; {args.photos} is {seen.what}")
     if seen.kind in inputs.SHAPES and args.cameras is None:
+        from recon import shape_pipeline  # here, because the photos' stages take a second to load
+
         stands = shape_pipeline.ShapeOptions(up=args.up, front=args.front)
         asked = shape_pipeline.ShapeRunOptions(args.class_name, args.height, args.seed, stands)
         return shape_pipeline.run(args.photos, out, seen, asked).report_json
+    return _from_views(args, out, seen.kind)
+
+
+def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
+    """Run what fits photos, a video or images; returns report.json."""
+    from recon import from_image, inputs, pipeline
+    from recon.intrinsics import parse_focal_mm, parse_intrinsics
+    from recon.one_mask import parse_box
+    from recon.video import VideoOptions
+
     lens = {
         "intrinsics": parse_intrinsics(args.intrinsics) if args.intrinsics else None,
         "focal_mm": parse_focal_mm(args.focal_mm) if args.focal_mm else None,
     }
     both = {"class_name": args.class_name, "height": args.height, "seed": args.seed, **lens}
     box = parse_box(args.box) if args.box else None
-    if from_image.fits(args.photos, seen.kind, args.mask, box, args.pix3d):
+    if from_image.fits(args.photos, kind, args.mask, box, args.pix3d):
         options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, **both)
         return from_image.run(args.photos, out, options).report_json
     photo_options = pipeline.ReconOptions(

@@ -113,16 +113,18 @@ def _render(
 
     shape_hw = (size[1], size[0])
     rows, columns = np.indices(shape_hw)
-    solid, light, floor = np.zeros((3, *shape_hw))
+    solid, light, floor, bare = np.zeros((4, *shape_hw))
     for i, lamp in enumerate(lamps):
+        # The floor is blurred below, so that each of its pixels needs one of the samples only, in turn.
+        turn = ((rows % s == i // s) & (columns % s == i % s)).ravel()
         x = (columns * s + i % s + 0.5 - width / 2) / focal + middle[0]
         y = (rows * s + i // s + 0.5 - height / 2) / focal + middle[1]
         directions = _unit(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ axes)
-        layers = _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp)
-        for total, layer in zip((solid, light, floor), layers, strict=True):
+        layers = _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp, turn)
+        for total, layer in zip((solid, light, floor, bare), (*layers, turn * (1 - layers[0])), strict=True):
             total += layer.reshape(shape_hw) / len(lamps)
     # The few lamps cast faint streaks; on the floor they are blurred away, without letting the object bleed into it.
-    open_floor, blurred = (cv2.GaussianBlur(x, (0, 0), options.floor_blur * size[0]) for x in (1 - solid, floor))
+    open_floor, blurred = (cv2.GaussianBlur(x, (0, 0), options.floor_blur * size[0]) for x in (bare, floor))
     floor = (1 - solid) * blurred / np.maximum(open_floor, 1e-6)
     linear = light[..., None] * np.array(COLOUR) + floor[..., None] * np.array(options.background)
     return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
@@ -149,18 +151,23 @@ def _lamps(sun: np.ndarray, samples: int, options: ShadeOptions) -> list[tuple[n
 
 
 def _shade(
-    tracer: _Tracer, eye: np.ndarray, directions: np.ndarray, level: float, lamp: tuple[np.ndarray, np.ndarray]
+    tracer: _Tracer,
+    eye: np.ndarray,
+    directions: np.ndarray,
+    level: float,
+    lamp: tuple[np.ndarray, np.ndarray],
+    turn: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What m rays from `eye` see, three arrays (m,): 1 on the object; the light there; the floor's light (else 0).
 
-    The floor at z = level has light 1 in the open, and its shadows dissolve outwards.
+    The floor at z = level has light 1 in the open, and its shadows dissolve outwards; it is 0 where `turn` (m,) is not.
     """
     distance, normals = tracer.cast(eye, directions)
     solid = np.isfinite(distance)
     with np.errstate(divide="ignore", invalid="ignore"):
         to_floor = (level - eye[2]) / directions[:, 2]
         from_middle = np.hypot(*(eye[:2] + to_floor[:, None] * directions[:, :2]).T)
-    lit = np.flatnonzero(solid | ((to_floor > 0) & (from_middle < FLOOR_RADIUS)))
+    lit = np.flatnonzero(solid | (turn & (to_floor > 0) & (from_middle < FLOOR_RADIUS)))
     on_object, directions = solid[lit], directions[lit]
     normals = np.where(on_object[:, None], normals[lit], (0, 0, 1))
     normals = np.where((normals * directions).sum(1, keepdims=True) > 0, -normals, normals)
@@ -173,7 +180,7 @@ def _shade(
         seen[facing] += strength * cosine[facing] * tracer.free(points[facing], direction)
     in_the_open = float(lamp[0][:, 2] @ lamp[1])
     shadow = (1 - seen / in_the_open) * np.clip(2 - 2 * from_middle[lit] / FLOOR_RADIUS, 0, 1)
-    light, floor = np.zeros(len(solid)), np.where(solid, 0.0, 1.0)
+    light, floor = np.zeros(len(solid)), np.where(solid | ~turn, 0.0, 1.0)
     light[lit] = np.where(on_object, seen + BOUNCE * (1 - normals[:, 2]) / 2, 0)
     floor[lit] -= np.where(on_object, 0, shadow)
     return solid.astype(float), light, floor

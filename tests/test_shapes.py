@@ -1,6 +1,8 @@
 """Shapes as input: cleaned, stood up in every way, scored smoothly, and fitted."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -187,3 +189,12 @@ def test_bad_shapes_end_with_code_2_and_nothing_written(tmp_path, capsys):
     assert "three.xyz has 3 usable points" in message
     assert "Traceback" not in message
     assert not (tmp_path / "out").exists()
+
+
+def test_open3d_is_loaded_without_a_web_server():
+    """In a process of its own: this one may have loaded it already."""
+    code = (
+        "import sys; from recon.light_open3d import without_plotting; without_plotting(); import open3d as o3d; "
+        "o3d.t.geometry.RaycastingScene(); sys.exit('dash' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=120).returncode == 0
