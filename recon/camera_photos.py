@@ -39,6 +39,12 @@ class Library:
         last = relative.name.lower()
         return self.by_name.get(last) or self.by_stem.get(last) or self.by_stem.get(Path(last).stem)
 
+    def others(self, used: list[Path | None]) -> list[str]:
+        """Names of the folder's photos that are none of the `used` files."""
+        known = {p.resolve() for p in used if p is not None}
+        photos = sorted(p for p in self.by_name.values() if p.suffix.lower() in ENDINGS)
+        return [p.name for p in photos if p.resolve() not in known]
+
     def upright_size(self, name: str) -> tuple[int, int] | None:
         """(width, height) as people see it."""
         found = self.find(name)

@@ -92,6 +92,13 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
     placed = [None if p is None else upright(records, i, p) for i, p in enumerate(paths)]
     have = [i for i, u in enumerate(placed) if u is not None]
     warnings = _missing(source, records, paths, have, photos)
+    left = library.others([*paths, *records.masks]) if photos.is_dir() else []
+    if left:
+        warnings.append(
+            f"{len(left)} photos are left out, because {source} has no cameras for them ({_listed(left)}); to include "
+            "them, register them into its model (colmap image_registrator), or have all photos placed anew with "
+            "--input photos and without --cameras"
+        )
     if len(have) > MOST:
         warnings.append(f"{MOST} of the {len(have)} photos with cameras are used, evenly spread")
         have = [have[i] for i in np.linspace(0, len(have) - 1, MOST).astype(int)]

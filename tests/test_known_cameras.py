@@ -233,6 +233,15 @@ def test_missing_images(scene, tmp_path):
     assert not (tmp_path / "g2").exists(), "nothing half-written"
 
 
+def test_photos_that_the_file_does_not_have_are_named(scene, tmp_path):
+    photograph(tmp_path / "src" / "extra.png", 9)
+    given = known_cameras.gather(tmp_path / "src", tmp_path / "set", tmp_path / "g")
+    assert len(given.names) == 5
+    assert "1 photos are left out" in given.warnings[0]
+    assert "extra.png" in given.warnings[0]
+    assert "--input photos" in given.warnings[0]
+
+
 def test_masks_that_the_file_names(scene, tmp_path):
     """Relative to the file, as the user's own masks; the COLMAP model beside it names none."""
     file = tmp_path / "set" / "transforms.json"
