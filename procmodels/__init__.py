@@ -7,6 +7,8 @@ and may define
     live_object(params, material)   a Blender object whose modifier builds the same mesh, its inputs the parameters
     turned_round(params)            if these values look like an object seen from behind, the values of about the same
                                     shape facing the other way; else None
+    USUAL_DEPTH                     median and spread of log(depth / width) of real ones: what decides when a single
+                                    picture leaves the depth open
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ class Model:
     build_parts: Callable[[Params], list[Part]]
     live_object: Callable[[Params, Any], Any] | None = None
     turned_round: Callable[[Params], Params | None] | None = None
+    usual_depth: tuple[float, float] | None = None
 
     @property
     def name(self) -> str:
@@ -65,7 +68,8 @@ def load(name: str) -> Model:
     space, build = getattr(module, "SPACE", None), getattr(module, "build", None)
     if not isinstance(space, ParamSpace) or not callable(build):
         raise ModelError(f"{name}: a model file defines SPACE (a ParamSpace) and build(params)")
-    return Model(space, build, getattr(module, "live_object", None), getattr(module, "turned_round", None))
+    optional = ("live_object", "turned_round", "USUAL_DEPTH")
+    return Model(space, build, *(getattr(module, name, None) for name in optional))
 
 
 def _module_from(path: Path) -> ModuleType:

@@ -26,6 +26,9 @@ SPACE = ParamSpace(
     ),
 )
 
+# Of real ones: IKEA-Manuals-at-Work, and Sweet Home 3D's Scopia and BlendSwap-CC-0 catalogues.
+USUAL_DEPTH = (0.39, 0.25)
+
 POST = 0.05  # posts, boards and the platform
 INSET = 0.02  # of the mattress, from the platform's sides
 BEVEL = 0.03  # of the mattress's edges

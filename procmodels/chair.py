@@ -20,6 +20,9 @@ SPACE = ParamSpace(
     ),
 )
 
+# Of real ones: IKEA-Manuals-at-Work, and Sweet Home 3D's Scopia and BlendSwap-CC-0 catalogues.
+USUAL_DEPTH = (0.08, 0.2)
+
 POST = 0.02  # posts, panels and bars
 SEAT = 0.1  # thickness of the seat slab
 ARM = 0.2  # top of the armrests above the seat

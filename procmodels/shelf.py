@@ -25,6 +25,9 @@ SPACE = ParamSpace(
     ),
 )
 
+# Of real ones: IKEA-Manuals-at-Work, and Sweet Home 3D's Scopia and BlendSwap-CC-0 catalogues.
+USUAL_DEPTH = (-0.9, 0.5)
+
 BOARD = 0.01  # thickness of boards and panels, and of the slim posts of open dividers
 POST = 0.015  # corner posts of open sides
 OVERHANG = 0.03  # how far boards reach beyond the corner posts, of the width: two voxels of the longest shelf

@@ -33,6 +33,9 @@ SPACE = ParamSpace(
         Integer("pillows", 0, 2),
     ),
 )
+
+# Of real ones: IKEA-Manuals-at-Work, and Sweet Home 3D's Scopia and BlendSwap-CC-0 catalogues.
+USUAL_DEPTH = (-0.74, 0.25)
 ABOUT = {
     "width": "outer width, over the arms",
     "depth": "from the front of the arms to their rear",

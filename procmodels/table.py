@@ -22,6 +22,9 @@ SPACE = ParamSpace(
     ),
 )
 
+# Of real ones: IKEA-Manuals-at-Work, and Sweet Home 3D's Scopia and BlendSwap-CC-0 catalogues.
+USUAL_DEPTH = (-0.55, 0.33)
+
 PLATE = 0.5  # width of a pedestal's plate
 PLATE_HEIGHT = 0.02
 STRETCHER = 0.2  # height of the stretchers above the floor

@@ -40,6 +40,7 @@ class CameraSearchOptions:
     near: float = 25.0  # degrees between a known view direction and views of the bank
     roll_cost: float = 0.004  # IoU that a roll of 8 degrees must win
     focal_cost: float = 0.003  # IoU that a focal length 1.8 times longer or shorter than usual must win
+    depth_cost: float = 0.004  # IoU that a depth one spread off the usual must win
     elevation_cost: float = 0.004  # IoU that 8 degrees below the floor or above 40 degrees must win
 
 
@@ -186,9 +187,9 @@ class ViewSearch(_Search):
         return np.concatenate([super()._residual(state, blur), np.sqrt(self.area) * self._unusual(state)])
 
     def _unusual(self, state: _State) -> np.ndarray:
-        """(4,) roots of the priors' costs: roll, focal length, from below, from above."""
+        """(5,) roots of the priors' costs: roll, focal length, from below, from above, depth."""
         if self.view.cam_from_model is not None:
-            return np.zeros(4)
+            return np.zeros(5)
         pose, costs = self.pose(state), self.costs
         up, elevation = pose[:3, 2], self.direction(state)[1]
         roll = np.degrees(np.arctan2(up[0], -up[1]))
@@ -199,8 +200,17 @@ class ViewSearch(_Search):
                 np.sqrt(costs.roll_cost) * roll / 8,
                 np.sqrt(costs.focal_cost) * zoom,
                 *np.sqrt(costs.elevation_cost) * outside,
+                np.sqrt(costs.depth_cost) * self._odd_depth(state),
             ]
         )
+
+    def _odd_depth(self, state: _State) -> float:
+        """By how many spreads the proportion of depth to width differs from that of real ones; at most 3."""
+        if self.model.usual_depth is None:
+            return 0.0
+        width, depth, _ = np.ptp(self._built(state).bounds(), axis=0)
+        median, spread = self.model.usual_depth
+        return float(np.clip((np.log(depth / width) - median) / spread, -3, 3))
 
     # Ways to move
 
