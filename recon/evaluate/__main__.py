@@ -11,9 +11,9 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon.evaluate import chair, gallery, speed, table1, table2, table3
+from recon.evaluate import calibration, chair, gallery, robust, speed, table1, table2, table3
 from recon.evaluate.real_answers import INPUTS
-from recon.evaluate.rows import machine, print_table, write_json
+from recon.evaluate.rows import Row, machine, print_table, write_json
 from recon.evaluate.speed_rows import SpeedOptions, quick, read_rows, write_rows
 from recon.evaluate.table2 import Table2Row
 from recon.scene import ReconError
@@ -30,6 +30,8 @@ def main(argv: list[str] | None = None) -> int:
     _table2_flags(tables.add_parser("table2", help="the paper's Table 2: real objects from every kind of input"))
     _table3_flags(tables.add_parser("table3", help="the paper's Table 3: meshes, beside ShapeAssembly's figures"))
     _speed_flags(tables.add_parser("speed", help="times side by side: renderers, fits, growth, limits, stages"))
+    _robust_flags(tables.add_parser("robust", help="what wrong and half-hidden masks cost"))
+    _calibration_flags(tables.add_parser("calibration", help="is the stated confidence right? sets and plots it"))
     for command in tables.choices.values():
         command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
@@ -53,11 +55,7 @@ def _chair_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def _chair(args: argparse.Namespace) -> int:
-    rows = chair.run(args.work, args.quick)
-    print_table(rows, sys.stdout)
-    if args.json:
-        write_json(rows, args.json)
-    return 0 if all(r.holds for r in rows) else 1
+    return _told(args, chair.run(args.work, args.quick))
 
 
 def _table1_flags(parser: argparse.ArgumentParser) -> None:
@@ -153,6 +151,38 @@ def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[li
     for sheet in table2.write_worst(rows, args.work):
         sys.stdout.write(f"the worst: {sheet}\n")
     return 0
+
+
+def _robust_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; chair")
+    parser.add_argument("--shapes", type=int, default=robust.RobustOptions.shapes, help="held-out shapes, off the grid")
+    parser.set_defaults(
+        run=lambda args: _told(
+            args, list(robust.run(robust.RobustOptions(tuple(args.classes or ("chair",)), args.shapes)))
+        )
+    )
+
+
+def _calibration_flags(parser: argparse.ArgumentParser) -> None:
+    options = calibration.CalibrationOptions()
+    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; four")
+    parser.add_argument("--shapes", type=int, default=options.shapes, help="held-out shapes a class, off the grid")
+    parser.add_argument("--plot", type=Path, default=Path("docs/calibration.png"))
+    parser.add_argument("--keep", action="store_true", help="measure and plot, but leave recon/calibration.json alone")
+    parser.set_defaults(run=_calibration)
+
+
+def _calibration(args: argparse.Namespace) -> int:
+    defaults = calibration.CalibrationOptions()
+    options = calibration.CalibrationOptions(tuple(args.classes or defaults.classes), args.shapes, work=args.work)
+    return _told(args, calibration.run(options, args.plot, None if args.keep else calibration.FILE))
+
+
+def _told(args: argparse.Namespace, rows: list[Row]) -> int:
+    print_table(rows, sys.stdout)
+    if args.json:
+        write_json(rows, args.json)
+    return 0 if all(r.holds for r in rows) else 1
 
 
 def _gallery_flags(parser: argparse.ArgumentParser) -> None:

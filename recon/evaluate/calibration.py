@@ -27,7 +27,6 @@ from recon.evaluate.rows import Row
 from recon.evaluate.scenes import drawn_scene, orbit
 from recon.scene import ReconError, Silhouettes
 
-LEVELS = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 Z = {0.5: 0.674, 0.6: 0.842, 0.7: 1.036, 0.8: 1.282, 0.9: QUANTILE, 0.95: 1.960}
 
 
@@ -100,9 +99,10 @@ def _sample(model: Model, found: refine.Refined, true: Params) -> Sample:
 
 
 def fitted(found: list[Sample]) -> Calibration:
-    """The factor that makes 90 % of the intervals hold, and the logistic curve of most likelihood."""
+    """The factor that makes intervals of all levels hold as often as they say, and the logistic curve of most
+    likelihood."""
     ratio = [error / spread for s in found for error, spread in s.scalars]
-    spread = float(np.quantile(ratio, 0.9) / QUANTILE)
+    spread = float(np.mean([np.quantile(ratio, level) / z for level, z in Z.items()]))
     right = np.array([r for s in found for r, _ in s.choices], float)
     gaps = np.log(np.maximum([g for s in found for _, g in s.choices], 1e-4))
 
