@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -156,3 +157,11 @@ def test_senseless_numbers_are_refused(options, capsys):
     assert "at least 1" in capsys.readouterr().err
     with pytest.raises(ValueError, match="divide"):
         speed_pairs.subject(replace(options, size=100))
+
+
+def test_the_readme_prints_the_kept_results():
+    root = Path(__file__).parents[1]
+    path = root / "docs/results/speed.json"
+    if not path.is_file():
+        pytest.skip("no full run is kept")
+    assert speed.compact(read_rows(path)) in (root / "README.md").read_text()

@@ -44,9 +44,9 @@ def quick(options: SpeedOptions) -> SpeedOptions:
     return replace(
         options,
         repeats=min(options.repeats, 2),
-        fit=replace(options.fit, starts=2, keep=1, prune_at=2, steps=4),
+        fit=replace(options.fit, starts=1, keep=1, steps=3),
         published_steps=2,
-        views=options.views[:4],
+        views=options.views[:3],
         sides=options.sides[:3],
         command=False,
     )
