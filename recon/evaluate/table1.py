@@ -35,7 +35,7 @@ TASKS = ("1", *METHODS)
 SHORT = "same budget"  # our full loss, trained as briefly as the ablations
 ABLATIONS = {"without KL": "without_kl", "without sim": "without_sim", "without both": "without_both", SHORT: "full"}
 SIMPLE = {"simple": "simple"}
-ALL_METHODS = ("spread", "ours", "paper", "cobyqa", *SIMPLE, *ABLATIONS)
+ALL_METHODS = ("spread", "ours", "refined", "paper", "cobyqa", *SIMPLE, *ABLATIONS)
 # Figures of the paper's Table 1 for its own method, to print beside ours: D_voxel for Task 1, else D_chamfer.
 PAPER_FIGURES = {
     "table": {"spread": 0.066, "1": 0.75, "2": 0.0003, "3": 0.0031, "4 paper": 0.0117},

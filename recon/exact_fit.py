@@ -1,0 +1,133 @@
+"""Find parameters on the exact model when place and size are known: several starts, choices, Gauss-Newton.
+
+Unlike recon.refine nothing but the parameters is free, so a build and its images cost a few milliseconds and dozens of
+choices can be tried. A network's answers are the starts; none of them is ever made worse by the target's exact loss.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from procmodels import Model
+from procmodels.space import Params
+from recon.exact_moves import ExactOptions, Moves, State, moved
+from recon.exact_targets import ExactTarget
+from recon.shape_score import Body, Score
+
+
+@dataclass(frozen=True)
+class ExactFit:
+    """The result: parameters, their exact loss, the best start's, and the number of shapes built."""
+
+    params: Params
+    loss: float
+    start_loss: float
+    builds: int
+
+
+def run(
+    model: Model, target: ExactTarget, starts: Sequence[Params], options: ExactOptions = ExactOptions()
+) -> ExactFit:
+    """The best parameters found from the starts, best first; deterministic."""
+    search = _Search(model, target, options)
+    states = [search.state(p) for p in starts]
+    start = min(states, key=search.exact)
+    chosen: dict[tuple, State] = {}
+    for s in sorted(states, key=search.coarse):
+        chosen.setdefault(tuple(s.discrete.values()), s)
+    polished = [search.polish(s, 0, options.steps[0]) for s in list(chosen.values())[: options.starts]]
+    polished.sort(key=search.coarse)
+    # Cheap answers first: most starts need no other choices, few need them all.
+    best = min(start, search.finish(polished[0]), key=search.exact)
+    for s in polished[:2]:
+        if search.exact(best) > target.good:
+            best = min(best, search.finish(search.improve(s)), key=search.exact)
+    if search.exact(best) > target.good:
+        far = search.best(search.far(best), options.far)
+        best = min(best, search.finish(search.improve(far)), key=search.exact)
+    best = search.likely(search.centred(best))
+    return ExactFit(search.params(best), search.exact(best), search.exact(start), search.builds)
+
+
+class _Search(Moves):
+    """Changes of choices, and what is done about parts that the target does not show."""
+
+    def centred(self, state: State) -> State:
+        """Every scalar in the middle of what the exact loss allows: pixels and voxels leave room, some views much."""
+        for i in range(len(state.units)):
+            ends = [self._end(state, i, way) for way in (-1, 1)]
+            units = state.units.copy()
+            units[i] = sum(ends) / 2
+            middle = replace(state, units=units)
+            if self.exact(middle) <= self.exact(state):
+                state = middle
+        return state
+
+    def _end(self, state: State, i: int, way: int) -> float:
+        """How far scalar i can go one way without a higher exact loss, to about a quarter of the way."""
+        inside, outside = state.units[i], None
+        for size in (0.002, 0.008, 0.03, 0.12, 0.5, 1.0):
+            trial = moved(state, way * size * np.eye(len(state.units))[i])
+            if self.exact(trial) > self.exact(state):
+                outside = trial.units[i]
+                break
+            inside = trial.units[i]
+        for _ in range(2 if outside is not None and inside != state.units[i] else 0):
+            units = state.units.copy()
+            units[i] = (inside + outside) / 2
+            if self.exact(replace(state, units=units)) > self.exact(state):
+                outside = units[i]
+            else:
+                inside = units[i]
+        return float(inside)
+
+    def likely(self, state: State) -> State:
+        """Of the choices that the target cannot tell apart, the one that is nearest to the others on average."""
+        equal = [state] + [s for s in self.neighbours(state) if self.exact(s) <= self.exact(state)]
+        if len(equal) < 3:
+            return state
+        bodies = [Body.of(self.shape(s)) for s in equal]
+        scores = [Score(b.at(b.places(self.options.points))[0], self.options.points, surface=b) for b in bodies]
+        distance = [sum(score(body) for score in scores) for body in bodies]
+        return equal[int(np.argmin(distance))]
+
+    def neighbours(self, state: State) -> Iterator[State]:
+        """States that differ in one discrete value."""
+        for p in self.model.space.discrete:
+            for i in range(p.grid_steps):
+                if (value := p.grid_value(i)) != state.discrete[p.name]:
+                    yield replace(state, discrete={**state.discrete, p.name: value})
+
+    def jumps(self, state: State) -> Iterator[State]:
+        """States with one scalar somewhere else: a part that the views hardly show does not pull from afar."""
+        for i in range(len(state.units)):
+            for value in self.options.jumps:
+                units = state.units.copy()
+                units[i] = value
+                yield replace(state, units=units)
+
+    def far(self, state: State) -> Iterator[State]:
+        """All choices with the state's scalars, and one change of a choice together with a jump."""
+        discrete = self.model.space.discrete
+        for values in itertools.product(*[[p.grid_value(i) for i in range(p.grid_steps)] for p in discrete]):
+            yield replace(state, discrete=dict(zip([p.name for p in discrete], values, strict=True)))
+        for other in self.neighbours(state):
+            yield from self.jumps(other)
+
+    def improve(self, state: State) -> State:
+        """Change one choice or move one scalar far while the coarse loss falls."""
+        for _ in range(self.options.sweeps):
+            best = self.best(itertools.chain(self.neighbours(state), self.jumps(state)), self.options.tries)
+            if self.coarse(best) >= self.coarse(state) * (1 - 1e-2):
+                break
+            state = best
+        return state
+
+    def best(self, states: Iterable[State], tries: int) -> State:
+        """The best by coarse loss of the most promising `tries`, polished."""
+        ranked = sorted(((self.coarse(s), i, s) for i, s in enumerate(states)), key=lambda e: e[:2])
+        return min((self.polish(s, 0, self.options.steps[1]) for _, _, s in ranked[:tries]), key=self.coarse)
