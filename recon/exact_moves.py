@@ -139,7 +139,7 @@ class Moves:
         J = self.slopes(state, self.target.levels - 1)
         values, vectors = np.linalg.eigh(J.T @ J + 1e-4 * np.eye(len(state.units)))
         loss = self.exact(state)
-        for size in self.options.settle:
+        for size in self.options.settle if loss > 0 else ():
             for _ in range(3):
                 before = loss
                 for direction in (vectors * np.clip(size / np.sqrt(values), 0, 0.1)).T:

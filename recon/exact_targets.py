@@ -88,7 +88,10 @@ class GridTarget:
     def residuals(self, shape: Shape, level: int, reference: Shape) -> np.ndarray:
         """Vectors between voxels and surface, both ways; the squares sum to a chamfer distance."""
         body = Body.of(shape)
-        own, _ = body.at(Body.of(reference).places(self.count))
+        places = Body.of(reference).places(self.count)
+        if places.count != len(body.corners):  # a part of no height came or went
+            places = body.places(self.count)
+        own, _ = body.at(places)
         voxel = np.clip(((own + 0.5) * self.resolution).astype(int), 0, self.resolution - 1)
         there = (body.closest(self.points) - self.points) / np.sqrt(len(self.points))
         back = (own - self._centres(self.nearest[tuple(voxel.T)])) / np.sqrt(self.count)

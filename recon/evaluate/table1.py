@@ -236,28 +236,38 @@ def markdown(rows: list[Table1Row]) -> str:
 
 
 def compact(rows: list[Table1Row]) -> str:
-    """A line a class and task, for the README: our on- and off-grid figures beside the paper's, and other methods'."""
+    """A line a class and task, for the README: ours and refined on / off the grid beside the paper's figure."""
     names = [
         "class",
         "task",
         "ours, on-grid",
         "ours, off-grid",
+        "refined, on-grid",
+        "refined, off-grid",
         "floor",
         "paper",
-        "discrete right on / off",
+        "discrete right, ours on / off",
+        "discrete right, refined on / off",
+        "other methods, on-grid",
     ]
-    lines = ["| " + " | ".join([*names, "other methods, on-grid"]) + " |", "|" + "---|" * (len(names) + 1)]
+    lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
     found = {(r.class_name, r.task, r.method, r.grid): r for r in rows}
     for class_name, task in dict.fromkeys((r.class_name, r.task) for r in rows):
-        own = "spread" if task == "spread" else "ours"
-        on, off = (found.get((class_name, task, own, grid)) for grid in GRIDS)
-        if on is None:
+        own = ["spread"] if task == "spread" else ["ours", "refined"]
+        figures = [[found.get((class_name, task, method, grid)) for grid in GRIDS] for method in own]
+        figures += [[None, None]] * (2 - len(own))
+        first = next((r for r in (*figures[0], *figures[1]) if r is not None), None)
+        if first is None:
             continue
-        others = [r for r in rows if (r.class_name, r.task, r.grid) == (class_name, task, "on") and r.method != own]
-        right = " / ".join(_percent(r.discrete_accuracy) for r in (on, off) if r is not None and r.discrete_accuracy)
-        cells = [class_name, TASK_NAMES[task], _figure(on), "" if off is None else _figure(off), _number(on.floor, 5)]
+        here = [r for r in rows if (r.class_name, r.task, r.grid) == (class_name, task, "on")]
+        cells = [class_name, TASK_NAMES[task]]
+        cells += ["" if r is None else _figure(r) for pair in figures for r in pair] + [_number(first.floor, 5)]
         cells += [f"{PAPER_FIGURES[class_name][task]:g}" if task in PAPER_FIGURES.get(class_name, {}) else ""]
-        cells += [right, "; ".join(f"{r.method} {_figure(r)}" for r in others)]
+        cells += [
+            " / ".join(_percent(r.discrete_accuracy) for r in pair if r is not None and r.discrete_accuracy)
+            for pair in figures
+        ]
+        cells += ["; ".join(f"{r.method} {_figure(r)}" for r in here if r.method not in own)]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
