@@ -20,7 +20,7 @@ from recon.crops import Crops
 from recon.mask_windows import Box, mask_box, rolled, seen_from, shortest_turn, towards, window
 from recon.raster import coverage
 from recon.raster import silhouettes as silhouettes_of
-from recon.refine import RefineOptions, _Search, _State
+from recon.refine import Blur, RefineOptions, _Search, _State
 from recon.scene import Cameras, Canonical, cam_from_canonical
 from recon.view_bank import Bank, BankOptions, Hit, search
 
@@ -36,10 +36,13 @@ class CameraSearchOptions:
     finals: int = 5  # of these, whose discrete parameters are searched
     climbs: int = 250  # evaluations of the last search on IoU itself
     coarse: RefineOptions = field(default_factory=lambda: RefineOptions(blurs=(5.0, 2.5), steps=4))
-    fine: RefineOptions = field(default_factory=lambda: RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3))
+    fine: RefineOptions = field(
+        default_factory=lambda: RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3, near=0.0)
+    )
     near: float = 25.0  # degrees between a known view direction and views of the bank
     roll_cost: float = 0.004  # IoU that a roll of 8 degrees must win
     focal_cost: float = 0.003  # IoU that a focal length 1.8 times longer or shorter than usual must win
+    behind_cost: float = 0.01  # IoU that a view from behind must win: furniture is mostly shown from its front
     depth_cost: float = 0.004  # IoU that a depth one spread off the usual must win
     elevation_cost: float = 0.004  # IoU that 8 degrees below the floor or above 40 degrees must win
 
@@ -183,15 +186,19 @@ class ViewSearch(_Search):
         """What the search maximises: IoU less what an unusual camera costs."""
         return self.agreement(state) - float((self._unusual(state) ** 2).sum())
 
-    def _residual(self, state: _State, blur: float) -> np.ndarray:
+    def score(self, state: _State) -> float:
+        """The same: one outline is met closely by some shape or other, and the priors are in units of IoU."""
+        return self.iou(state)
+
+    def _residual(self, state: _State, blur: Blur) -> np.ndarray:
         return np.concatenate([super()._residual(state, blur), np.sqrt(self.area) * self._unusual(state)])
 
     def _unusual(self, state: _State) -> np.ndarray:
-        """(5,) roots of the priors' costs: roll, focal length, from below, from above, depth."""
+        """(6,) roots of the priors' costs: roll, focal length, from below, from above, depth, from behind."""
         if self.view.cam_from_model is not None:
-            return np.zeros(5)
+            return np.zeros(6)
         pose, costs = self.pose(state), self.costs
-        up, elevation = pose[:3, 2], self.direction(state)[1]
+        up, (azimuth, elevation) = pose[:3, 2], self.direction(state)
         roll = np.degrees(np.arctan2(up[0], -up[1]))
         zoom = np.log(getattr(state, "zoom", 1.0)) / np.log(1.8)
         outside = np.array([min(elevation, 0.0), max(elevation - 40, 0.0)]) / 8
@@ -201,6 +208,7 @@ class ViewSearch(_Search):
                 np.sqrt(costs.focal_cost) * zoom,
                 *np.sqrt(costs.elevation_cost) * outside,
                 np.sqrt(costs.depth_cost) * self._odd_depth(state),
+                np.sqrt(costs.behind_cost) * np.sin(np.radians(azimuth) / 2),
             ]
         )
 
