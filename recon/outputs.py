@@ -12,6 +12,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,15 +66,16 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
     """
     started = time.monotonic()
     asset = asset_of(result, model)
-    with _replacing(out) as fresh:
+    size = (options.render_size, options.render_size)
+    with _replacing(out) as fresh, ThreadPoolExecutor(1) as pool:
+        drawn = pool.submit(render_previews, asset.shape, options.renders, size)  # while Blender writes the meshes
         _write_meshes(fresh, asset, options)
         _write_json(fresh / "params.json", params_content(result, asset))
         if len(result.poses.cameras):
             camera_files.write(fresh / "cameras", result.poses)
             export_obj(asset, fresh / "cameras" / "mesh.obj", world=True)
             _write_masks(fresh / "masks", result)
-        size = (options.render_size, options.render_size)
-        renders = render_previews(asset.shape, options.renders, size)
+        renders = drawn.result()
         tiles = contact_sheet.tiles(result, asset.shape, options.thumbnail)
         if result.shape is not None:
             tiles += shape_pictures.tiles(result.shape, asset.shape, options.renders, options.thumbnail)

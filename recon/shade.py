@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,7 +43,8 @@ def render_previews(
     """
     tracer = _Tracer(shape)
     azimuths = [options.first_azimuth + 360 * i / n for i in range(n)]
-    return [_render(shape, tracer, np.radians(azimuth), size, options) for azimuth in azimuths]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # numpy and open3d work outside the interpreter's lock
+        return list(pool.map(lambda azimuth: _render(shape, tracer, np.radians(azimuth), size, options), azimuths))
 
 
 def view(

@@ -71,9 +71,7 @@ def _without_outliers(points: np.ndarray, limit: float, said: list[str]) -> np.n
     return points
 
 
-def _without_floor(
-    points: np.ndarray, ups: tuple[str, ...], options: CleaningOptions, said: list[str]
-) -> np.ndarray:
+def _without_floor(points: np.ndarray, ups: tuple[str, ...], options: CleaningOptions, said: list[str]) -> np.ndarray:
     """Without a flat sheet at the lower end that sticks out beyond everything else.
 
     Not at the upper end: a table's top is such a sheet, too.

@@ -19,6 +19,7 @@ from recon.scene import Canonical
 from recon.shape_score import Body, Places, Score
 from recon.shapes import Hypothesis, Target, grids_of, hypotheses
 
+FAR = 2.0  # times the best start's distance: others are given up
 NEARLY = 0.15  # of the distance: so much farther may the likelier of two fronts be
 
 
@@ -27,6 +28,8 @@ class ShapeFitOptions:
     """How wide and how long the search is; a build with its distances takes about 4 ms."""
 
     random: int = 96  # random shapes beside the network's answers
+    ways: int = 4  # ways to stand that all random shapes are compared with, the best by every `sparse`-th of them
+    sparse: int = 4
     rough: int = 250  # points each way when starts are compared
     fine: int = 1_200  # points each way when polishing
     keep: int = 4  # starts that are polished
@@ -76,7 +79,9 @@ def run(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions
     start = search.final(starts[0])
     best = [search.polish(s, 3) for s in _spread(starts, options.keep)]
     best.sort(key=search.loss)
-    found = min((search.improve(s) for s in best[:2]), key=search.loss)
+    # A runner-up that is far behind after polishing is not the start of the best.
+    close = [s for s in best[:2] if search.loss(s) <= FAR * search.loss(best[0])]
+    found = min(map(search.improve, close), key=search.loss)
     found = search.faced(search.polish(found, 8))
     alternatives = search.alternatives(found, starts)
     way = ways[found.way]
@@ -114,9 +119,12 @@ def _starts(search: _Search) -> tuple[list[_State], bool]:
     common = [model.space.sample(rng) for _ in range(count)]
     bodies = [Body.of(model.build(p)) for p in common]
     scored = []
+    some = [min(search.rough(i, body) for body in bodies[:: options.sparse]) for i in range(len(ways))]
+    hopeful = set(np.argsort(some, kind="stable")[: options.ways])
     for i in range(len(ways)):
         own = [(p, Body.of(model.build(p))) for p in guesses[i]]
-        for j, (params, body) in enumerate([*own, *zip(common, bodies, strict=True)]):
+        others = list(zip(common, bodies, strict=True))
+        for j, (params, body) in enumerate([*own, *(others if i in hopeful else others[:: options.sparse])]):
             scored.append((search.rough(i, body), i, j, search.state(params, i)))
     scored.sort(key=lambda entry: entry[:3])
     # The network's own answers are always among those that go on, however they look before polishing.
