@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from nnproc.rays import look_at_cameras
 from procmodels import Model
 from procmodels.space import Params
+from recon import view_priors
 from recon.crops import Crops
 from recon.mask_windows import Box, mask_box, rolled, seen_from, shortest_turn, towards, window
 from recon.raster import coverage
@@ -23,6 +24,7 @@ from recon.raster import silhouettes as silhouettes_of
 from recon.refine import Blur, RefineOptions, _Search, _State
 from recon.scene import Cameras, Canonical, cam_from_canonical
 from recon.view_bank import Bank, BankOptions, Hit, search
+from recon.view_priors import PriorOptions
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,7 @@ class CameraSearchOptions:
         default_factory=lambda: RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3, near=0.0)
     )
     near: float = 25.0  # degrees between a known view direction and views of the bank
-    roll_cost: float = 0.004  # IoU that a roll of 8 degrees must win
-    focal_cost: float = 0.003  # IoU that a focal length 1.8 times longer or shorter than usual must win
-    behind_cost: float = 0.01  # IoU that a view from behind must win: furniture is mostly shown from its front
-    depth_cost: float = 0.004  # IoU that a depth one spread off the usual must win
-    elevation_cost: float = 0.004  # IoU that 8 degrees below the floor or above 40 degrees must win
+    priors: PriorOptions = field(default_factory=PriorOptions)
 
 
 @dataclass(frozen=True)
@@ -194,31 +192,12 @@ class ViewSearch(_Search):
         return np.concatenate([super()._residual(state, blur), np.sqrt(self.area) * self._unusual(state)])
 
     def _unusual(self, state: _State) -> np.ndarray:
-        """(6,) roots of the priors' costs: roll, focal length, from below, from above, depth, from behind."""
+        """Roots of what this picture costs for being unlikely; none where the pose is known."""
         if self.view.cam_from_model is not None:
-            return np.zeros(6)
-        pose, costs = self.pose(state), self.costs
-        up, (azimuth, elevation) = pose[:3, 2], self.direction(state)
-        roll = np.degrees(np.arctan2(up[0], -up[1]))
-        zoom = np.log(getattr(state, "zoom", 1.0)) / np.log(1.8)
-        outside = np.array([min(elevation, 0.0), max(elevation - 40, 0.0)]) / 8
-        return np.array(
-            [
-                np.sqrt(costs.roll_cost) * roll / 8,
-                np.sqrt(costs.focal_cost) * zoom,
-                *np.sqrt(costs.elevation_cost) * outside,
-                np.sqrt(costs.depth_cost) * self._odd_depth(state),
-                np.sqrt(costs.behind_cost) * np.sin(np.radians(azimuth) / 2),
-            ]
-        )
-
-    def _odd_depth(self, state: _State) -> float:
-        """By how many spreads the proportion of depth to width differs from that of real ones; at most 3."""
-        if self.model.usual_depth is None:
-            return 0.0
-        width, depth, _ = np.ptp(self._built(state).bounds(), axis=0)
-        median, spread = self.model.usual_depth
-        return float(np.clip((np.log(depth / width) - median) / spread, -3, 3))
+            return np.zeros(view_priors.COUNT)
+        extent = np.ptp(self._built(state).bounds(), axis=0)
+        up, zoom = self.pose(state)[:3, 2], getattr(state, "zoom", 1.0)
+        return view_priors.roots(up, *self.direction(state), zoom, extent, self.model.usual_depth, self.costs.priors)
 
     # Ways to move
 
