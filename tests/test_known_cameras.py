@@ -370,7 +370,7 @@ def test_true_cameras_to_the_end(tmp_path, masks):
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["registered"]["n"] == 28
     assert not (tmp_path / "out" / ".recon" / "poses").exists(), "cameras were given"
-    shape, cameras, canonical = chair._result(model, tmp_path / "out")
+    shape, cameras, canonical = chair.read_result(model, tmp_path / "out")
     names = tuple(n.rsplit(".", 1)[0] + ".jpg" for n in cameras.names)
     cameras = Cameras(names, cameras.K, cameras.cam_from_world, cameras.sizes)
     assert chair._yaw_error(truth, cameras, canonical) < 45

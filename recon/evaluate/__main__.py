@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon.evaluate import calibration, chair, gallery, robust, speed, table1, table2, table3
+from recon.evaluate import alignment, calibration, chair, gallery, robust, speed, table1, table2, table3
 from recon.evaluate.real_answers import INPUTS
 from recon.evaluate.rows import Row, machine, print_table, write_json
 from recon.evaluate.speed_rows import SpeedOptions, quick, read_rows, write_rows
@@ -32,6 +32,7 @@ def main(argv: list[str] | None = None) -> int:
     _speed_flags(tables.add_parser("speed", help="times side by side: renderers, fits, growth, limits, stages"))
     _robust_flags(tables.add_parser("robust", help="what wrong and half-hidden masks cost"))
     _calibration_flags(tables.add_parser("calibration", help="is the stated confidence right? sets and plots it"))
+    _alignment_flags(tables.add_parser("alignment", help="up, yaw, front and size of photo sets that make it hard"))
     for command in tables.choices.values():
         command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
@@ -161,6 +162,11 @@ def _robust_flags(parser: argparse.ArgumentParser) -> None:
             args, list(robust.run(robust.RobustOptions(tuple(args.classes or ("chair",)), args.shapes)))
         )
     )
+
+
+def _alignment_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--sets", type=int, default=2, help="rendered photo sets, each spoilt in every way (at most 6)")
+    parser.set_defaults(run=lambda args: _told(args, list(alignment.run(args.work, args.sets))))
 
 
 def _calibration_flags(parser: argparse.ArgumentParser) -> None:

@@ -21,9 +21,9 @@ from nnproc.infer import WEIGHTS, grids_from_params, load_network, values_from_g
 from procmodels import Model, load
 from procmodels.space import Params
 from recon import align, fit, hull, refine
-from recon.evaluate.metrics import chamfer, d_voxel, similarity_between
+from recon.evaluate.metrics import chamfer, d_voxel
 from recon.evaluate.rows import Row
-from recon.evaluate.scenes import drawn_scene, orbit, read_mask, true_scene
+from recon.evaluate.scenes import drawn_scene, misaligned, orbit, read_mask, true_scene
 from recon.raster import iou, silhouettes
 from recon.scene import Cameras, Canonical, Poses, ReconstructionError, Silhouettes, cam_from_canonical
 
@@ -73,7 +73,7 @@ def shipped_rows(model: Model, work: Path) -> list[Row]:
     true_masks = {n: read_mask(p) for n, p in zip(truth.names, truth.masks, strict=True)}
     found = {p.stem: read_mask(p) for p in (out / "masks").glob("*.png")}
     mask_iou = [iou(found[Path(n).stem], m) for n, m in true_masks.items() if Path(n).stem in found]
-    shape, cameras, canonical = _result(model, out)
+    shape, cameras, canonical = read_result(model, out)
     drawn = silhouettes(shape, cameras.K, cam_from_canonical(cameras, canonical), cameras.sizes)
     outline_iou = [iou(d, true_masks[n]) for d, n in zip(drawn, cameras.names, strict=True)]
     seconds = report["seconds"]
@@ -81,7 +81,7 @@ def shipped_rows(model: Model, work: Path) -> list[Row]:
         Row("shipped: photos registered, share", report["registered"]["n"] / report["registered"]["of"], ">= 0.9"),
         Row("shipped: GrabCut masks, mean IoU with true masks", float(np.mean(mask_iou)), ">= 0.9"),
         Row("shipped: result, mean IoU with true masks", float(np.mean(outline_iou)), ">= 0.85"),
-        Row("shipped: front direction right", float(_yaw_error(truth, cameras, canonical) < 45), ">= 1"),
+        Row("shipped: front direction right", float(abs(misaligned(truth, cameras, canonical).yaw) < 45), ">= 1"),
         Row("shipped: D_chamfer", chamfer(shape.to_trimesh(), trimesh.load_mesh(truth.mesh)), "<= 0.0035"),
         Row("shipped: whole command, s", seconds["total"], "<= 150"),
         Row("shipped: fit + refine, s", seconds["fit"] + seconds["refine"], "<= 20"),
@@ -114,7 +114,7 @@ def photo_rows(model: Model, work: Path) -> list[Row]:
     for i, (params, truth) in enumerate(tqdm(rendered_sets(model, work), desc="photo sets", disable=None)):
         try:
             reconstruct(truth.photos[0].parent, work / f"result_{i}")
-            shape, _, _ = _result(model, work / f"result_{i}")
+            shape, _, _ = read_result(model, work / f"result_{i}")
             found = _params(model, work / f"result_{i}")
         except ReconstructionError as error:
             tqdm.write(str(error))
@@ -195,7 +195,7 @@ def _params(model: Model, out: Path) -> Params:
     return model.space.validate(values)
 
 
-def _result(model: Model, out: Path) -> tuple[Any, Cameras, Canonical]:
+def read_result(model: Model, out: Path) -> tuple[Any, Cameras, Canonical]:
     """A finished run's shape, cameras and place, read from what it wrote."""
     params = json.loads((out / "params.json").read_text())
     frames = json.loads((out / "cameras" / "transforms.json").read_text())
@@ -209,15 +209,6 @@ def _result(model: Model, out: Path) -> tuple[Any, Cameras, Canonical]:
     sizes = np.array([[v["w"], v["h"]] for v in ({**frames, **f} for f in views)])
     names = tuple(Path(v["file_path"]).name for v in views)
     return model.build(_params(model, out)), Cameras(names, K, poses, sizes), canonical
-
-
-def _yaw_error(truth: Photoset, cameras: Cameras, canonical: Canonical) -> float:
-    """Degrees between the found and the true front, about the vertical."""
-    index = [truth.names.index(n) for n in cameras.names]
-    true_cameras = Cameras(truth.names, truth.K, truth.cam_from_world, truth.sizes)
-    truth_from_world = similarity_between(cameras.centres(), true_cameras.centres()[index])
-    turn = np.linalg.inv(truth.world_from_canonical) @ truth_from_world @ canonical.world_from_canonical
-    return float(abs(np.degrees(np.arctan2(turn[1, 0], turn[0, 0]))))
 
 
 def _discrete_right(model: Model, found: Params, true: Params) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -11,8 +12,18 @@ import trimesh
 from datasets.photosets import Photoset
 from nnproc.rays import look_at_cameras
 from procmodels.shape import Shape
+from recon.evaluate.metrics import similarity_between
 from recon.raster import silhouettes
 from recon.scene import Cameras, Canonical, Poses, Silhouettes, cam_from_canonical
+
+
+@dataclass(frozen=True)
+class Misaligned:
+    """How far a result lies from the truth: degrees of up and of yaw, size as a share."""
+
+    up: float
+    yaw: float
+    size: float
 
 
 def read_mask(path: Path) -> np.ndarray:
@@ -61,3 +72,15 @@ def posed_scene(
     floor = np.array([*normal, -normal @ foot])
     poses = Poses(cameras, tuple(Path(name) for name in cameras.names), np.zeros((0, 3)), np.zeros((0, n), bool))
     return poses, Silhouettes(cameras.names, tuple(masks), ("user",) * n, np.ones(n, bool), floor)
+
+
+def misaligned(truth: Photoset, cameras: Cameras, canonical: Canonical) -> Misaligned:
+    """A result's place compared with the truth, the frames brought together by the cameras' centres."""
+    index = [truth.names.index(n) for n in cameras.names]
+    true_cameras = Cameras(truth.names, truth.K, truth.cam_from_world, truth.sizes)
+    truth_from_world = similarity_between(cameras.centres(), true_cameras.centres()[index])
+    turn = np.linalg.inv(truth.world_from_canonical) @ truth_from_world @ canonical.world_from_canonical
+    size = float(np.cbrt(np.linalg.det(turn[:3, :3])))
+    rotation = turn[:3, :3] / size
+    up = float(np.degrees(np.arccos(np.clip(rotation[2, 2], -1, 1))))
+    return Misaligned(up, float(np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))), abs(size - 1))
