@@ -36,6 +36,7 @@ class Given:
     records  their V cameras, for the upright photos at the sizes in the records
     warnings what the user should know
     masks    folder of the masks that the file names, called like the photos with another ending added; None: none
+    others   names in `folder` of photos without a camera, which structure from motion may place (recon.filling)
     """
 
     source: Path
@@ -44,6 +45,7 @@ class Given:
     records: CameraRecords
     warnings: tuple[str, ...]
     masks: Path | None = None
+    others: tuple[str, ...] = ()
 
     @property
     def masked(self) -> bool:
@@ -93,24 +95,26 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
     have = [i for i, u in enumerate(placed) if u is not None]
     warnings = _missing(source, records, paths, have, photos)
     left = library.others([*paths, *records.masks]) if photos.is_dir() else []
-    if left:
-        warnings.append(
-            f"{len(left)} photos are left out, because {source} has no cameras for them ({_listed(left)}); to include "
-            "them, register them into its model (colmap image_registrator), or have all photos placed anew with "
-            "--input photos and without --cameras"
-        )
     if len(have) > MOST:
         warnings.append(f"{MOST} of the {len(have)} photos with cameras are used, evenly spread")
         have = [have[i] for i in np.linspace(0, len(have) - 1, MOST).astype(int)]
     names = flat_names([records.names[i] for i in have], [paths[i] for i in have])
-    link([paths[i] for i in have], names, folder)
+    others = tuple(name for name in left if name not in names)
+    if others and (len(others) > len(have) or (records.masks and all(records.subset(have).masks))):
+        # So many, or photos of a set that is masked throughout, are rather something else: depths, other sizes.
+        warnings.append(
+            f"{len(others)} photos are left out, because {source} has no cameras for them ({_listed(left)}); to "
+            "include them, have all photos placed anew with --input photos and without --cameras"
+        )
+        others = ()
+    link([*(paths[i] for i in have), *map(library.find, others)], (*names, *others), folder)
     kept = records.subset(have)
     sizes, K, poses = (np.array(part) for part in zip(*(placed[i] for i in have), strict=True))
     turned = replace(kept, sizes=sizes, K=K, cam_from_world=poses)
     masks = folder.with_name(f"{folder.name}-masks") if kept.masks else None
     if masks is not None:
         _link_masks(source, kept, names, masks)
-    return Given(source, folder, names, turned, tuple(warnings), masks)
+    return Given(source, folder, names, turned, tuple(warnings), masks, others)
 
 
 def _link_masks(source: Path, records: CameraRecords, names: tuple[str, ...], folder: Path) -> None:

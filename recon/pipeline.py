@@ -17,6 +17,7 @@ from recon import (
     align,
     auto_class,
     confidence,
+    filling,
     fit,
     frames,
     gather,
@@ -143,7 +144,8 @@ def _run(photos: Path, out: Path, models: list[Model], options: ReconOptions) ->
 def _placed(shots: scene.Frames, source: gather.Photos, work: Path, options: ReconOptions) -> scene.Poses:
     """The stage "poses": the cameras given, or structure from motion."""
     if source.cameras is not None:
-        return known_cameras.place(shots, source.cameras, work)
+        given = known_cameras.place(shots, source.cameras, work)
+        return filling.run(shots, given, work, options.poses) if source.cameras.others else given
     return poses.run(shots, work, options.poses)
 
 

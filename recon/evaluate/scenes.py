@@ -12,9 +12,9 @@ import trimesh
 from datasets.photosets import Photoset
 from nnproc.rays import look_at_cameras
 from procmodels.shape import Shape
-from recon.evaluate.metrics import similarity_between
 from recon.raster import silhouettes
 from recon.scene import Cameras, Canonical, Poses, Silhouettes, cam_from_canonical
+from recon.similarity import similarity_between
 
 
 @dataclass(frozen=True)
