@@ -30,7 +30,6 @@ FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
 QUANTILE = 1.645  # of a normal distribution, two-sided LEVEL
 PRIOR = 12.0  # 1 / variance of a scalar that may be anywhere in its range, in shares of the range
-FINE = 1.5  # px, blur at which the outlines are compared
 LEAST_LEFT = 0.01  # 1 - IoU that exact masks leave at most
 
 
@@ -97,7 +96,7 @@ def chance(gap: float, use: Calibration) -> float:
 
 def _spreads(search: _Search, state: _State) -> np.ndarray:
     """(n,) standard deviations of the scalars in shares of their ranges, before calibration."""
-    here, J = search.linearised(state, FINE)
+    here, J = search.linearised(state, search.options.blurs[-1])
     n = len(search.scalars)
     # The outlines' surroundings alone say something: pixels that no change moves are no evidence.
     seen = (J != 0).any(1)

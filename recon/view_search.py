@@ -21,7 +21,7 @@ from recon.crops import Crops
 from recon.mask_windows import Box, mask_box, rolled, seen_from, shortest_turn, towards, window
 from recon.raster import coverage
 from recon.raster import silhouettes as silhouettes_of
-from recon.refine import Blur, RefineOptions, _Search, _State
+from recon.refine import RefineOptions, _Search, _State
 from recon.scene import Cameras, Canonical, cam_from_canonical
 from recon.view_bank import Bank, BankOptions, Hit, search
 from recon.view_priors import PriorOptions
@@ -38,9 +38,7 @@ class CameraSearchOptions:
     finals: int = 5  # of these, whose discrete parameters are searched
     climbs: int = 250  # evaluations of the last search on IoU itself
     coarse: RefineOptions = field(default_factory=lambda: RefineOptions(blurs=(5.0, 2.5), steps=4))
-    fine: RefineOptions = field(
-        default_factory=lambda: RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3, near=0.0)
-    )
+    fine: RefineOptions = field(default_factory=lambda: RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3))
     near: float = 25.0  # degrees between a known view direction and views of the bank
     priors: PriorOptions = field(default_factory=PriorOptions)
 
@@ -184,11 +182,7 @@ class ViewSearch(_Search):
         """What the search maximises: IoU less what an unusual camera costs."""
         return self.agreement(state) - float((self._unusual(state) ** 2).sum())
 
-    def score(self, state: _State) -> float:
-        """The same: one outline is met closely by some shape or other, and the priors are in units of IoU."""
-        return self.iou(state)
-
-    def _residual(self, state: _State, blur: Blur) -> np.ndarray:
+    def _residual(self, state: _State, blur: float) -> np.ndarray:
         return np.concatenate([super()._residual(state, blur), np.sqrt(self.area) * self._unusual(state)])
 
     def _unusual(self, state: _State) -> np.ndarray:
