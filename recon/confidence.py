@@ -3,7 +3,8 @@
 Scalars: near the answer the blurred outlines change linearly with the parameters (J), so that their covariance is
 s^2 (J^T J + P)^-1 with the residual's own variance s^2 and the ranges as a weak prior P (a uniform one has a variance
 of 1/12). Neighbouring pixels are not independent and masks are wrong together along an outline, so that the spread is
-multiplied by a factor measured on held-out shapes. What the outlines do not show keeps nearly its whole range.
+multiplied by a factor (and never below a floor) measured on held-out shapes. What the outlines do not show keeps nearly
+its whole range.
 
 Choices: the gap in IoU between the answer and its best rival that differs in this choice, polished as well, as a share
 of what is left unexplained; a logistic curve measured on held-out shapes turns it into a chance.
@@ -14,7 +15,7 @@ Both measurements are in calibration.json (python -m recon.evaluate calibration)
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,9 +36,14 @@ LEAST_LEFT = 0.01  # 1 - IoU that exact masks leave at most
 
 @dataclass(frozen=True)
 class Calibration:
-    """spread: factor on the spread of scalars; slope and offset: chance = 1 / (1 + exp(-(slope log gap + offset)))."""
+    """Measured constants.
+
+    spread, floor  a scalar's standard deviation is hypot(floor, spread x the linear one), in shares of its range
+    slope, offset  chance = 1 / (1 + exp(-(slope log gap + offset)))
+    """
 
     spread: float
+    floor: float
     slope: float
     offset: float
 
@@ -67,7 +73,7 @@ class Certainty:
 def calibration() -> Calibration:
     """As measured."""
     values = json.loads(FILE.read_text())
-    return Calibration(values["spread"], values["slope"], values["offset"])
+    return Calibration(*(float(values[f.name]) for f in fields(Calibration)))
 
 
 def run(search: _Search, state: _State, given: Calibration | None = None) -> Certainty:
@@ -77,7 +83,7 @@ def run(search: _Search, state: _State, given: Calibration | None = None) -> Cer
     sigma = _spreads(search, state)
     intervals, spreads = {}, {}
     for scalar, unit, spread in zip(scalars, state.units, sigma, strict=True):
-        reach = QUANTILE * use.spread * spread
+        reach = QUANTILE * deviation(spread, use)
         ends = np.clip([unit - reach, unit + reach], 0, 1)
         low, high = sorted(scalar.value_from_unit(float(u)) for u in ends)
         intervals[scalar.name], spreads[scalar.name] = (float(low), float(high)), float(spread)
@@ -87,6 +93,11 @@ def run(search: _Search, state: _State, given: Calibration | None = None) -> Cer
         gaps[name] = gap / left
         choices[name] = Choice(chance(gaps[name], use), value, gap)
     return Certainty(intervals, choices, spreads, gaps)
+
+
+def deviation(spread: float, use: Calibration) -> float:
+    """Standard deviation of a scalar, in shares of its range, from its linear spread."""
+    return float(np.hypot(use.floor, use.spread * spread))
 
 
 def chance(gap: float, use: Calibration) -> float:

@@ -99,12 +99,21 @@ def _sample(model: Model, found: refine.Refined, true: Params) -> Sample:
 
 
 def fitted(found: list[Sample]) -> Calibration:
-    """The factor that makes intervals of all levels hold as often as they say, and the logistic curve of most
-    likelihood."""
-    ratio = [error / spread for s in found for error, spread in s.scalars]
-    spread = float(np.mean([np.quantile(ratio, level) / z for level, z in Z.items()]))
-    right = np.array([r for s in found for r, _ in s.choices], float)
-    gaps = np.log(np.maximum([g for s in found for _, g in s.choices], 1e-4))
+    """The factor and floor with which intervals of all levels hold most nearly as often as they say, and the logistic
+    curve of most likelihood."""
+    pairs = np.array([p for s in found for p in s.scalars])
+
+    def off(floor: float, spread: float) -> float:
+        wide = np.hypot(floor, spread * pairs[:, 1])
+        return sum(abs((pairs[:, 0] <= z * wide).mean() - level) for level, z in Z.items())
+
+    floors, spreads = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03), np.geomspace(0.5, 200, 60)
+    floor, spread = min(((f, float(b)) for f in floors for b in spreads), key=lambda v: off(*v))
+    # A right and a wrong answer at a hundredth of the unexplained are thrown in: choices that were all right would
+    # have the curve say 100 % however small the gap.
+    choices = [c for s in found for c in s.choices] + [(True, 0.01), (False, 0.01)]
+    right = np.array([r for r, _ in choices], float)
+    gaps = np.log(np.maximum([g for _, g in choices], 1e-4))
 
     def loss(x: np.ndarray) -> float:
         score = x[0] * gaps + x[1]
@@ -112,13 +121,14 @@ def fitted(found: list[Sample]) -> Calibration:
         return float((np.logaddexp(0, score) - right * score).sum() + 0.05 * (x[0] - 1) ** 2)
 
     slope, offset = minimize(loss, np.array([1.0, 3.0]), bounds=[(0.05, 5), (-5, 20)]).x
-    return Calibration(spread, float(slope), float(offset))
+    return Calibration(spread, floor, float(slope), float(offset))
 
 
 def coverage(found: list[Sample], use: Calibration) -> dict[float, float]:
     """Stated level -> share of the intervals that hold the truth."""
     pairs = np.array([p for s in found for p in s.scalars])
-    return {lv: float((pairs[:, 0] <= Z[lv] * use.spread * pairs[:, 1]).mean()) for lv in Z}
+    wide = np.hypot(use.floor, use.spread * pairs[:, 1])
+    return {level: float((pairs[:, 0] <= z * wide).mean()) for level, z in Z.items()}
 
 
 def reliability(found: list[Sample], use: Calibration, bins: int = 5) -> list[tuple[float, float, int]]:
