@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,6 +120,13 @@ def test_summary_stands_beside_oracle_and_paper(tmp_path):
     assert line.split(" | ")[2:9] == ["2", "0.0030", "0.0030", "0.0010", "3.00", "0.0023", "50 %"]
     table2.write_csv(rows, tmp_path / "rows.csv")
     assert (tmp_path / "rows.csv").read_text().splitlines()[1].startswith("ShapeNetCore.v2,bed,mesh,a,0.002,0.001")
+
+
+def test_readme_prints_the_kept_rows():
+    root = Path(__file__).parents[1]
+    rows = [table2.Table2Row.from_json(r) for r in json.loads((root / "docs/results/table2.json").read_text())]
+    assert {r.class_name for r in rows} == {"bed", "chair", "shelf", "sofa", "table"}
+    assert table2.summary(rows) in (root / "README.md").read_text()
 
 
 def test_table3_prints_published_figures_and_says_what_ours_are_of():

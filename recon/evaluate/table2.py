@@ -174,10 +174,10 @@ def measured(model: Model, item: RealObject, options: Table2Options) -> list[Tab
 
 
 def write_rows(rows: list[Table2Row], file: Path) -> None:
-    """All rows as a JSON list; written whole or not at all."""
+    """All rows as a JSON list, a line each; written whole or not at all."""
     file.parent.mkdir(parents=True, exist_ok=True)
     partial = file.with_suffix(".partial")
-    partial.write_text(json.dumps([r.as_json() for r in rows], indent=1) + "\n")
+    partial.write_text("[\n" + ",\n".join(json.dumps(r.as_json()) for r in rows) + "\n]\n")
     partial.replace(file)
 
 
