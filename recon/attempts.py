@@ -139,7 +139,8 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
         "database": str((folder / f"features_{source}.db").resolve()),
         "rung": asdict(rung),
         "seed": options.seed + number,
-        "threads": options.threads or os.cpu_count() or 1,
+        # Of few photos one thread: the time is short anyway, and nothing is left to the order in which threads end.
+        "threads": options.threads or (1 if count <= options.enlarge_up_to else os.cpu_count() or 1),
     }
     path = folder / f"attempt_{number}.json"
     path.write_text(json.dumps(order, indent=1))

@@ -32,7 +32,7 @@ class PosesOptions:
     """How photos are placed."""
 
     seed: int = 0  # same seed, same photos, same machine: same result
-    threads: int = 0  # for features and matching; 0 = one a core. Mapping uses one, so that it repeats exactly
+    threads: int = 0  # for features and matching; 0 = one a core, or one for few photos. Mapping uses one: it repeats
     matching: str = "auto"  # "exhaustive", "sequential" (ordered photos), or "auto": by the number of photos
     exhaustive_up_to: int = 60  # photos; "auto" compares every pair up to here
     enlarge_below: int = 700  # px, longest side: smaller photos are searched for features enlarged twice at once
