@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from datasets.real_object import DataError, turn
+from datasets.real_object import DataError
+from datasets.turns import turn
 
 OWN_FILE = "axes.json"
 KNOWN = Path(__file__).with_name("axes")
@@ -35,7 +36,7 @@ class FileAxes:
         up, front = (str(own.get(k, self.table.get(k, default))) for k, default in (("up", up), ("front", front)))
         try:
             return turn(up, front)
-        except DataError as error:
+        except ValueError as error:
             raise DataError(f"{self.where}, for {key}: {error}") from error
 
 

@@ -12,30 +12,20 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 
+from datasets.triangles import MeshError, read_triangles
+
 log = logging.getLogger(__name__)
 
 CLASSES = ("bed", "chair", "shelf", "sofa", "table")
-AXES = {s + a: (-1.0 if s == "-" else 1.0) * np.eye(3)[i] for s in ("", "+", "-") for i, a in enumerate("xyz")}
 FLAT = 1e-6  # of the longest side: an object lower than this is no object
 
 
 class DataError(ValueError):
     """A folder, a file or an object in it is not usable; the message says why and what to do."""
-
-
-def turn(up: str, front: str) -> np.ndarray:
-    """(3, 3) rotation, canonical from file, for a file whose `up` and `front` are axes such as "y" or "-z"."""
-    if up not in AXES or front not in AXES:
-        raise DataError(f"up and front are axes such as y or -z, not {up!r} and {front!r}")
-    z, y = AXES[up], -AXES[front]
-    if abs(z @ y) > 0.5:
-        raise DataError(f"up ({up}) and front ({front}) lie on one axis")
-    return np.array([np.cross(y, z), y, z])
 
 
 @dataclass(frozen=True)
@@ -87,26 +77,12 @@ def read_mesh(file: Path) -> trimesh.Trimesh:
 
 
 def parse_mesh(content: bytes, file_type: str, source: str) -> trimesh.Trimesh:
-    """All triangles of a mesh file's bytes; `file_type` as trimesh calls it, `source` for messages."""
+    """All triangles of a mesh file's bytes; `file_type` as trimesh calls it, `source` names it. Raises DataError."""
     try:
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=file_type, process=False, skip_materials=True)
-        pieces: list[Any] = [g for g in scene.dump(concatenate=False) if isinstance(g, trimesh.Trimesh)]
-    except Exception as error:  # a reader of other people's files may fail in any way
-        raise DataError(f"{source} is a damaged mesh ({type(error).__name__}: {error}); get it again") from error
-    vertices = [np.asarray(p.vertices, float).reshape(-1, 3) for p in pieces]
-    offsets = np.cumsum([0] + [len(v) for v in vertices])
-    faces = [np.asarray(p.faces, int).reshape(-1, 3) + o for p, o in zip(pieces, offsets, strict=False)]
-    if not sum(map(len, faces)):
-        raise DataError(f"{source} has no faces: an empty or damaged mesh; get it again")
-    points, triangles = np.concatenate(vertices), np.concatenate(faces)
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise DataError(f"{source} is a damaged mesh: a face names a vertex that is not there; get it again")
-    good = np.isfinite(points).all(1)[triangles].all(1)
-    if not good.any():
-        raise DataError(f"{source}: all faces have corners that are not numbers; get it again")
-    # Vertices that no face uses would count in the bounding box.
-    used, triangles = np.unique(triangles[good], return_inverse=True)
-    return trimesh.Trimesh(points[used], triangles.reshape(-1, 3), process=False)
+        vertices, faces = read_triangles(io.BytesIO(content), file_type, source)
+    except MeshError as error:
+        raise DataError(str(error)) from error
+    return trimesh.Trimesh(vertices, faces, process=False)
 
 
 def with_unique_names(objects: list[RealObject]) -> list[RealObject]:

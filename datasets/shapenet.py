@@ -10,7 +10,8 @@ import re
 from functools import partial
 from pathlib import Path
 
-from datasets.real_object import DataError, RealObject, read_mesh, turn
+from datasets.real_object import DataError, RealObject, read_mesh
+from datasets.turns import turn
 
 CLASS_OF = {
     "02818832": "bed",

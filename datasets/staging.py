@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets import orbits
+from datasets.turns import AXES, turn
 from procmodels import studio
 
 Y_UP = (".obj", ".glb", ".gltf")  # formats whose files are usually Y-up; the others are taken as Z-up
-AXES = {s + a: (-1.0 if s == "-" else 1.0) * np.eye(3)[i] for s in ("", "+", "-") for i, a in enumerate("xyz")}
 _RANGES = {"views": (2, 1000), "width": (16, 8192), "height": (16, 8192), "samples": (1, 4096), "quality": (1, 100)}
 
 
@@ -96,17 +96,17 @@ def canonical_from_file(vertices: np.ndarray, suffix: str, options: PhotosetOpti
     """
     up = options.up if options.up != "auto" else ("y" if suffix.lower() in Y_UP else "z")
     front = options.front if options.front != "auto" else ("z" if up[-1] == "y" else "-y")
-    z, y = AXES[up], -AXES[front]
-    if abs(z @ y) > 0.5:
-        raise PhotosetError(f"up ({up}) and front ({front}) lie on one axis: give both --up and --front")
-    turn = np.array([np.cross(y, z), y, z]) @ np.array(options.rotation, float).reshape(3, 3)
-    turned = vertices @ turn.T
+    try:
+        rotation = turn(up, front) @ np.array(options.rotation, float).reshape(3, 3)
+    except ValueError as error:
+        raise PhotosetError(f"{error}: give both --up and --front") from error
+    turned = vertices @ rotation.T
     low, high = turned.min(0), turned.max(0)
     longest = float((high - low).max())
     if not np.isfinite(longest) or (high - low)[2] <= 1e-6 * longest:
         raise PhotosetError("the mesh has no height or is not finite: there is nothing to stand on the floor")
     out = np.eye(4)
-    out[:3, :3] = turn / longest
+    out[:3, :3] = rotation / longest
     out[:3, 3] = -(low + high) / 2 / longest
     return out
 

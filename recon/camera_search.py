@@ -1,8 +1,7 @@
 """One mask, and a camera of which little or nothing is known: find parameters and camera together.
 
 Views of a bank that look like the mask start the search; each is then moved by the exact search (recon.view_search).
-One mask does not tell all of shape and camera; weak priors decide what it leaves open: a camera held level, above the
-floor, with an ordinary lens.
+One mask does not tell all of shape and camera; weak priors (recon.view_priors) decide what it leaves open.
 """
 
 from __future__ import annotations

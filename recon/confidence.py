@@ -87,9 +87,9 @@ def run(search: _Search, state: _State, given: Calibration | None = None) -> Cer
         ends = np.clip([unit - reach, unit + reach], 0, 1)
         low, high = sorted(scalar.value_from_unit(float(u)) for u in ends)
         intervals[scalar.name], spreads[scalar.name] = (float(low), float(high)), float(spread)
+    left = 1 - search.iou(state) + LEAST_LEFT
     choices, gaps = {}, {}
     for name, (value, gap) in _rivals(search, state, params).items():
-        left = 1 - search.iou(state) + LEAST_LEFT
         gaps[name] = gap / left
         choices[name] = Choice(chance(gaps[name], use), value, gap)
     return Certainty(intervals, choices, spreads, gaps)

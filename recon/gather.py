@@ -31,8 +31,8 @@ def check(source: Path, cameras: Path | None) -> None:
     """Raise InputError when `source` is none of what `run` takes, before anything is written."""
     if cameras is not None and not cameras.exists():
         raise InputError(f"{cameras} does not exist; --cameras wants a COLMAP model's folder or a transforms.json")
-    if cameras is not None and known_cameras.find(cameras) is None:
-        raise InputError(f"{cameras} holds no cameras; give the folder of a COLMAP model or a transforms.json")
+    if cameras is not None:
+        known_cameras.required(cameras)
     if video.is_video(source):
         return video.check(source)
     if source.is_dir() or (source.is_file() and known_cameras.find(source) is not None):

@@ -65,6 +65,16 @@ def find(path: Path) -> Path | None:
     return next((f for f in folders if colmap_model.is_model(f)), next((f for f in files if f.is_file()), None))
 
 
+def required(path: Path) -> Path:
+    """As `find`; raises InputError when there are no cameras."""
+    if (source := find(path)) is None:
+        raise InputError(
+            f"{path} holds no cameras; --cameras wants the folder of a COLMAP model (cameras and images, .bin or .txt) "
+            "or a transforms.json"
+        )
+    return source
+
+
 def camera_files(source: Path) -> list[Path]:
     """The files that decide the cameras, for telling whether they changed."""
     if source.is_dir():
@@ -82,12 +92,7 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
 
     Raises InputError when the file is damaged, or fewer than two of its images are found.
     """
-    source = find(cameras)
-    if source is None:
-        raise InputError(
-            f"{cameras} holds no cameras; --cameras wants the folder of a COLMAP model (cameras and images, .bin or "
-            ".txt) or a transforms.json"
-        )
+    source = required(cameras)
     library = Library(photos, source)
     records = read(source, library)
     paths = [library.find(name) for name in records.names]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from datasets.triangles import MeshError, read_triangles
 from recon.ply import ply_header, ply_vertices
 from recon.scene import InputError
 
@@ -67,22 +68,10 @@ def _npy_shape(file: Any, path: Path) -> tuple[int, ...]:
 
 def read_mesh(path: Path) -> Surface:
     """All triangles of a mesh file. Raises InputError for damage and for a mesh without faces."""
-    import trimesh
-
     try:
-        loaded = trimesh.load_scene(path, file_type=mesh_format(path), process=False, skip_materials=True)
-        meshes: list[Any] = [g for g in loaded.dump(concatenate=False) if isinstance(g, trimesh.Trimesh)]
-    except Exception as error:  # a reader of other people's files may fail in any way
-        raise InputError(f"{path} is a damaged mesh ({type(error).__name__}: {error}); export it again") from error
-    vertices = [np.asarray(m.vertices, float).reshape(-1, 3) for m in meshes]
-    offsets = np.cumsum([0] + [len(v) for v in vertices])
-    triangles = [np.asarray(m.faces, int).reshape(-1, 3) + o for m, o in zip(meshes, offsets, strict=False)]
-    if not sum(map(len, triangles)):
-        raise InputError(f"{path} is a mesh without faces; export its triangles, or give the points as a cloud")
-    both = Surface(np.concatenate(vertices), np.concatenate(triangles))
-    if both.triangles.min() < 0 or both.triangles.max() >= len(both.vertices):
-        raise InputError(f"{path} is a damaged mesh: a face names a vertex that is not there; export it again")
-    return _without_bad_faces(both, path)
+        return Surface(*read_triangles(path, mesh_format(path), str(path)))
+    except MeshError as error:
+        raise InputError(str(error)) from error
 
 
 def mesh_format(path: Path) -> str:
@@ -102,20 +91,6 @@ def mesh_format(path: Path) -> str:
     if size >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little"):
         return "stl"
     return "stl_ascii" if text[:5] == b"solid" else "obj"
-
-
-def _without_bad_faces(mesh: Surface, path: Path) -> Surface:
-    """Without faces whose corners are not numbers, and without the vertices that no face uses."""
-    finite = np.isfinite(mesh.vertices).all(1)
-    good = finite[mesh.triangles].all(1)
-    if not good.any():
-        raise InputError(f"{path}: all {len(good):,} faces have corners that are not numbers; export the mesh again")
-    if not good.all():
-        log.warning(
-            "%s: %d of %d faces have corners that are not numbers and are left out", path, (~good).sum(), len(good)
-        )
-    used, triangles = np.unique(mesh.triangles[good], return_inverse=True)
-    return Surface(mesh.vertices[used], triangles.reshape(-1, 3))
 
 
 def read_cloud(path: Path) -> np.ndarray:

@@ -118,14 +118,13 @@ def _starts(search: _Search) -> tuple[list[_State], bool]:
     count = options.random if network else 3 * options.random
     common = [model.space.sample(rng) for _ in range(count)]
     bodies = [Body.of(model.build(p)) for p in common]
+    rough = [{j: search.rough(i, bodies[j]) for j in range(0, count, options.sparse)} for i in range(len(ways))]
     scored = []
-    some = [min(search.rough(i, body) for body in bodies[:: options.sparse]) for i in range(len(ways))]
-    hopeful = set(np.argsort(some, kind="stable")[: options.ways])
+    for i in sorted(range(len(ways)), key=lambda i: min(rough[i].values()))[: options.ways]:
+        rough[i] |= {j: search.rough(i, bodies[j]) for j in range(count) if j not in rough[i]}
     for i in range(len(ways)):
-        own = [(p, Body.of(model.build(p))) for p in guesses[i]]
-        others = list(zip(common, bodies, strict=True))
-        for j, (params, body) in enumerate([*own, *(others if i in hopeful else others[:: options.sparse])]):
-            scored.append((search.rough(i, body), i, j, search.state(params, i)))
+        scored += [(search.rough(i, Body.of(model.build(p))), i, 0, search.state(p, i)) for p in guesses[i]]
+        scored += [(score, i, j + 1, search.state(common[j], i)) for j, score in rough[i].items()]
     scored.sort(key=lambda entry: entry[:3])
     # The network's own answers are always among those that go on, however they look before polishing.
     mine = sorted((e for e in scored if network and e[2] == 0), key=lambda e: e[0])[:2]

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.ndimage
 from scipy.spatial import cKDTree
 
+from datasets.turns import turn
 from datasets.voxels import RESOLUTION, point_grid, surface_grid
 from recon.inputs import Kind
 from recon.scene import InputError
@@ -21,7 +22,7 @@ from recon.shape_cleaning import CleaningOptions, cleaned
 from recon.shape_files import Surface, mesh_format, read_cloud, read_mesh, read_splat, read_voxels
 
 log = logging.getLogger("recon")
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
+AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def hypotheses(target: Target) -> list[Hypothesis]:
     for up in target.ups:
         for front in target.fronts or [a for a in ("-y", "z", "y", "x", "-x", "-z") if a.strip("-") != up.strip("-")]:
             if front.strip("-") != up.strip("-"):
-                rotation, said = _rotation(up, front), f"up {up}, front {front}"
+                rotation, said = turn(up, front), f"up {up}, front {front}"
                 if not target.fronts and (yaw := _askew(target.points @ rotation.T)):
                     rotation, said = _yaw(-yaw) @ rotation, f"{said} turned by {yaw:.0f} degrees"
                 points, back = canonical(target.points, rotation)
@@ -134,12 +135,6 @@ def _askew(points: np.ndarray, gain: float = 0.88) -> float:
 def _yaw(degrees: float) -> np.ndarray:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
-
-
-def _rotation(up: str, front: str) -> np.ndarray:
-    """(3, 3) canonical_from_input: up becomes z, front becomes -y."""
-    z, y = np.array(AXES[up], float), -np.array(AXES[front], float)
-    return np.stack([np.cross(y, z), y, z])
 
 
 def canonical(points: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

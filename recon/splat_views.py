@@ -89,7 +89,7 @@ def gather(path: Path, cameras: Path, folder: Path, options: SplatViewOptions = 
     )
     if len(keep) < len(alphas):
         said.append(f"{len(alphas) - len(keep)} of {len(alphas)} cameras do not see the object and are not used")
-    return Given(_source(cameras), folder, views.names, drawn, tuple(said))
+    return Given(known_cameras.required(cameras), folder, views.names, drawn, tuple(said))
 
 
 def the_object(
@@ -144,16 +144,9 @@ def _on(room: Room, splat: Splat, thick: float) -> np.ndarray:
     return (height < -thick) | ((np.abs(height) < thick) & (spread > thick / 2))
 
 
-def _source(cameras: Path) -> Path:
-    source = known_cameras.find(cameras)
-    if source is None:
-        raise InputError(f"{cameras} holds no cameras; --cameras wants a COLMAP model's folder or a transforms.json")
-    return source
-
-
 def _records(path: Path, cameras: Path, options: SplatViewOptions) -> CameraRecords:
     """The cameras to draw, evenly spread; raises InputError when there are fewer than two."""
-    source = _source(cameras)
+    source = known_cameras.required(cameras)
     records = known_cameras.read(source, Library(path.parent, source))
     known = [i for i, size in enumerate(records.sizes) if size.min() > 0]
     if len(known) < 2:

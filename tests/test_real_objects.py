@@ -14,8 +14,9 @@ import trimesh
 
 from datasets import pix3d, sweethome3d_objects
 from datasets.real import DataError, objects
-from datasets.real_object import CLASSES, turn
+from datasets.real_object import CLASSES
 from datasets.sweethome3d import CatalogueError
+from datasets.turns import turn
 from recon.evaluate import axes
 
 AWAY = 3.7, np.array([0.5, -2.0, 11.0])  # a file has any scale and place

@@ -27,6 +27,16 @@ def chamfer(a: trimesh.Trimesh, b: trimesh.Trimesh, samples: int = 10_000, seed:
     return float((there**2).mean() + (back**2).mean())
 
 
+def quarter_turned(mesh: trimesh.Trimesh, turn: int) -> trimesh.Trimesh:
+    """A copy turned about the vertical by so many quarter turns."""
+    return mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(turn * np.pi / 2, (0, 0, 1)))
+
+
+def best_turn(a: trimesh.Trimesh, b: trimesh.Trimesh, samples: int = 10_000) -> tuple[float, int]:
+    """The least D_chamfer of the four quarter turns of a, and that turn."""
+    return min((chamfer(quarter_turned(a, turn), b, samples), turn) for turn in range(4))
+
+
 def d_voxel(a: np.ndarray, b: np.ndarray) -> float:
     """Differing voxels of two (..., R, R, R) bool grids, in percent of all."""
     return float(100 * np.mean(a ^ b))

@@ -21,7 +21,6 @@ from recon.inputs import Kind
 from recon.shape_fit import ShapeFitOptions
 from recon.shapes import ShapeOptions
 
-SAMPLES = 10_000  # points of D_chamfer
 SLOW_BUILD = 150  # random shapes for models that take long to build
 
 
@@ -54,7 +53,7 @@ def oracle(model: Model, mesh: trimesh.Trimesh, options: OracleOptions = OracleO
                 seed=seed,
             )
             params = shape_fit.run(model, target, search).params
-            distance = chamfer(model.build(params).to_trimesh(), mesh, SAMPLES)
+            distance = chamfer(model.build(params).to_trimesh(), mesh)
             if best is None or distance < best[0]:
                 best = distance, params
     assert best is not None

@@ -24,7 +24,7 @@ import trimesh
 from datasets.pix3d import PIX3D_FROM_CANONICAL
 from procmodels import Model, load
 from recon.camera_search import FoundView, find
-from recon.evaluate.metrics import chamfer
+from recon.evaluate.metrics import best_turn
 from recon.evaluate.rows import Row, print_table
 from recon.evaluate.scenes import read_mask
 from recon.mask_windows import guessed_K, mask_box
@@ -102,12 +102,7 @@ def _distance(model: Model, found: FoundView, file: Path) -> tuple[float | None,
         return None, None
     truth = trimesh.load_mesh(file, process=False)
     upright = trimesh.Trimesh(truth.vertices @ PIX3D_FROM_CANONICAL, truth.faces, process=False)
-    ours = model.build(found.refined.params).to_trimesh()
-    scores = []
-    for turn in range(4):
-        matrix = trimesh.transformations.rotation_matrix(turn * np.pi / 2, (0, 0, 1))
-        scores.append((chamfer(ours.copy().apply_transform(matrix), upright, 5000), turn))
-    best, turn = min(scores)
+    best, turn = best_turn(model.build(found.refined.params).to_trimesh(), upright, 5000)
     return round(best, 5), turn
 
 

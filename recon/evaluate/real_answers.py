@@ -20,7 +20,7 @@ from procmodels.space import Params
 from recon import shape_fit, shapes
 from recon.camera_search import find
 from recon.evaluate.chair import from_silhouettes
-from recon.evaluate.metrics import chamfer
+from recon.evaluate.metrics import best_turn, chamfer, quarter_turned
 from recon.evaluate.pix3d_dev import redrawn
 from recon.evaluate.true_views import all_round, one_view
 from recon.inputs import Kind
@@ -30,7 +30,6 @@ from recon.shapes import ShapeOptions
 from recon.view_bank import load_bank
 from recon.view_search import CameraSearchOptions, OneView
 
-SAMPLES = 10_000  # points of D_chamfer
 # Files of other people are mostly Y-up and face +Z, as glTF asks; the tool is not told so.
 FILE_FROM_CANONICAL = np.array([(1, 0, 0), (0, 0, 1), (0, -1, 0)], float)
 SAME = 0.0008  # D_chamfer of an object with itself turned, below which that turn cannot be seen
@@ -96,7 +95,7 @@ def from_one_mask(known: bool) -> Callable[[Model, trimesh.Trimesh, int], Answer
         # The camera's place says how the answer is turned against the object. Which shape it is, is another question,
         # so that the distance counts after the best quarter turn.
         turn = round((azimuth - found.azimuth) / 90) % 4
-        best = min(_turned_chamfer(model, found.refined.params, mesh, k) for k in range(4))
+        best, _ = best_turn(model.build(found.refined.params).to_trimesh(), mesh)
         return Answer(found.refined.params, best, _visible(mesh, turn), agreement, seconds)
 
     return answer
@@ -135,18 +134,9 @@ def _compared(model: Model, params: Params, mesh: trimesh.Trimesh, turned: np.nd
     matrix[:3, :3] = rotation
     built = model.build(params).to_trimesh().apply_transform(matrix)
     degrees = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
-    return chamfer(built, mesh, SAMPLES), _visible(mesh, round(degrees / 90) % 4)
-
-
-def _turned_chamfer(model: Model, params: Params, mesh: trimesh.Trimesh, turn: int) -> float:
-    return chamfer(quarter_turned(model.build(params).to_trimesh(), turn), mesh, SAMPLES)
-
-
-def quarter_turned(mesh: trimesh.Trimesh, turn: int) -> trimesh.Trimesh:
-    """A copy turned about the vertical by so many quarter turns."""
-    return mesh.copy().apply_transform(trimesh.transformations.rotation_matrix(turn * np.pi / 2, (0, 0, 1)))
+    return chamfer(built, mesh), _visible(mesh, round(degrees / 90) % 4)
 
 
 def _visible(mesh: trimesh.Trimesh, turn: int) -> int:
     """The turn, or 0 when the object looks the same after it: the front of a square table is nowhere."""
-    return turn if turn and chamfer(quarter_turned(mesh, turn), mesh, SAMPLES) > SAME else 0
+    return turn if turn and chamfer(quarter_turned(mesh, turn), mesh) > SAME else 0

@@ -14,7 +14,7 @@ import json
 import logging
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,12 +69,12 @@ class Table2Row:
     class_name: str
     input: str
     object: str
-    d_chamfer: float | None
     oracle: float
-    turn: int | None
-    iou: float | None
-    seconds: float | None
-    params: Params
+    d_chamfer: float | None = None
+    turn: int | None = None
+    iou: float | None = None
+    seconds: float | None = None
+    params: Params = field(default_factory=dict)
     error: str = ""
 
     @staticmethod
@@ -86,7 +86,9 @@ class Table2Row:
     def as_json(self) -> dict:
         """The row as written to files: `class` for class_name."""
         values = asdict(self)
-        return {"data": values.pop("data"), "class": values.pop("class_name"), **values}
+        first = ("data", "class", "input", "object", "d_chamfer")
+        values["class"] = values.pop("class_name")
+        return {k: values.pop(k) for k in first} | values
 
 
 def run(options: Table2Options) -> Iterator[list[Table2Row]]:
@@ -116,7 +118,7 @@ def _listed(options: Table2Options, class_name: str) -> list[RealObject]:
 
 
 def measured(model: Model, item: RealObject, options: Table2Options) -> list[Table2Row]:
-    """All inputs of one object, from the work folder when they were measured with this code and these options."""
+    """All inputs of one object, from the work folder when they were measured with this version, weights and options."""
     weights = WEIGHTS / f"{model.name}.safetensors"
     trained = weights.read_bytes() if weights.is_file() else b""
     about = f"{code_version()} {model.space.hash} {options.seed} {options.oracle}"
@@ -134,39 +136,24 @@ def measured(model: Model, item: RealObject, options: Table2Options) -> list[Tab
     )
     rows = [Table2Row.from_json(r) for r in kept.values()]
     for input_name in missing:
-        common = {"data": item.data, "class_name": item.class_name, "input": input_name, "object": item.name}
+        row = Table2Row(item.data, item.class_name, input_name, item.name, oracle=best)
         try:
             found = INPUTS[input_name](model, mesh, seed)
         except ReconError as error:
-            rows.append(
-                Table2Row(
-                    **common,
-                    d_chamfer=None,
-                    oracle=best,
-                    turn=None,
-                    iou=None,
-                    seconds=None,
-                    params={},
-                    error=str(error),
-                )
-            )
+            rows.append(replace(row, error=str(error)))
             continue
-        agreement = None if found.iou is None else round(found.iou, 4)
-        distance, seconds = round(found.d_chamfer, 6), round(found.seconds, 2)
-        rows.append(
-            Table2Row(
-                **common,
-                d_chamfer=distance,
-                oracle=best,
-                turn=found.turn,
-                iou=agreement,
-                seconds=seconds,
-                params=found.params,
-            )
+        row = replace(
+            row,
+            d_chamfer=round(found.d_chamfer, 6),
+            turn=found.turn,
+            iou=None if found.iou is None else round(found.iou, 4),
+            seconds=round(found.seconds, 2),
+            params=found.params,
         )
-        if distance < best:
-            best, best_params = distance, found.params
-    rows = [Table2Row(**{**asdict(r), "oracle": round(best, 6)}) for r in rows]
+        rows.append(row)
+        if found.d_chamfer < best:
+            best, best_params = found.d_chamfer, found.params
+    rows = [replace(r, oracle=round(best, 6)) for r in rows]
     object_picture(model, mesh, rows, best_params, folder / f"{name}.jpg")
     write_rows(rows, file)
     found_rows = {r.input: r for r in rows}
