@@ -17,8 +17,9 @@ from procmodels import Model
 from recon import fit, refine, wanted
 from recon.fit import FitOptions, FitResult
 from recon.hull import Hull
-from recon.refine import Refined, RefineOptions
+from recon.refine import Refined
 from recon.scene import Canonical, InputError, Poses, Silhouettes
+from recon.silhouette_search import RefineOptions
 
 log = logging.getLogger("recon")
 

@@ -25,7 +25,7 @@ import numpy as np
 from procmodels.space import Params
 
 if TYPE_CHECKING:
-    from recon.refine import _Search, _State
+    from recon.silhouette_search import SilhouetteSearch, State
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
@@ -76,7 +76,7 @@ def calibration() -> Calibration:
     return Calibration(*(float(values[f.name]) for f in fields(Calibration)))
 
 
-def run(search: _Search, state: _State, given: Calibration | None = None) -> Certainty:
+def run(search: SilhouetteSearch, state: State, given: Calibration | None = None) -> Certainty:
     """The certainty of a polished state; costs about a Gauss-Newton step and a polish of one rival a choice."""
     use = given or calibration()
     scalars, params = search.scalars, search.params(state)
@@ -105,7 +105,7 @@ def chance(gap: float, use: Calibration) -> float:
     return float(1 / (1 + np.exp(-(use.slope * np.log(max(gap, 1e-4)) + use.offset))))
 
 
-def _spreads(search: _Search, state: _State) -> np.ndarray:
+def _spreads(search: SilhouetteSearch, state: State) -> np.ndarray:
     """(n,) standard deviations of the scalars in shares of their ranges, before calibration."""
     here, J = search.linearised(state, search.options.blurs[-1])
     n = len(search.scalars)
@@ -118,11 +118,11 @@ def _spreads(search: _Search, state: _State) -> np.ndarray:
     return np.sqrt(np.clip(np.diag(np.linalg.inv(hessian))[:n], 0, 1 / PRIOR))
 
 
-def _rivals(search: _Search, state: _State, params: Params) -> dict[str, tuple[Any, float]]:
+def _rivals(search: SilhouetteSearch, state: State, params: Params) -> dict[str, tuple[Any, float]]:
     """By discrete parameter: the other value that explains the outlines best after a short polish, and how much IoU it
     is behind (never less than 0)."""
     score = search.iou(state)
-    near: dict[str, list[tuple[float, int, _State]]] = {}
+    near: dict[str, list[tuple[float, int, State]]] = {}
     for i, (_, other) in enumerate(search.neighbours(state)):
         changed = [p.name for p in search.model.space.discrete if other.discrete[p.name] != state.discrete[p.name]]
         if changed:

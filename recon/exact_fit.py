@@ -49,6 +49,12 @@ def run(
     if search.exact(best) > target.good:
         far = search.best(search.far(best), options.far)
         best = min(best, search.finish(search.improve(far)), key=search.exact)
+    if search.exact(best) > target.lost:
+        drawn = np.random.default_rng(0)
+        anywhere = [search.state(model.space.sample(drawn)) for _ in range(options.anywhere)]
+        for s in sorted(anywhere, key=search.coarse)[: options.restarts]:
+            if search.exact(best) > target.lost:
+                best = min(best, search.finish(search.improve(search.polish(s, 0, options.steps[0]))), key=search.exact)
     best = search.likely(search.centred(best))
     return ExactFit(search.params(best), search.exact(best), search.exact(start), search.builds)
 
@@ -87,13 +93,33 @@ class _Search(Moves):
 
     def likely(self, state: State) -> State:
         """Of the choices that the target cannot tell apart, the one that is nearest to the others on average."""
-        equal = [state] + [s for s in self.neighbours(state) if self.exact(s) <= self.exact(state)]
+        equal = self.alike(state)
         if len(equal) < 3:
             return state
         bodies = [Body.of(self.shape(s)) for s in equal]
-        scores = [Score(b.at(b.places(self.options.points))[0], self.options.points, surface=b) for b in bodies]
+        places = [b.at(b.places(self.options.points))[0] for b in bodies]
+        scores = [Score(p, self.options.points, surface=b) for p, b in zip(places, bodies, strict=True)]
         distance = [sum(score(body) for score in scores) for body in bodies]
         return equal[int(np.argmin(distance))]
+
+    def alike(self, state: State) -> list[State]:
+        """The state and others of equal exact loss that differ in choices, in several at once where several are free;
+        a sample where there are many."""
+        loss = self.exact(state)
+        same = [s for s in self.neighbours(state) if self.exact(s) <= loss]
+        free = [p for p in self.model.space.discrete if any(s.discrete[p.name] != state.discrete[p.name] for s in same)]
+        if len(free) < 2:
+            return [state, *same]
+        combinations = list(itertools.product(*[[p.grid_value(i) for i in range(p.grid_steps)] for p in free]))
+        out = [state]
+        for i in np.random.default_rng(0).permutation(len(combinations))[: self.options.combined]:
+            changed = dict(zip([p.name for p in free], combinations[i], strict=True))
+            other = replace(state, discrete={**state.discrete, **changed})
+            if other.discrete != state.discrete and self.exact(other) <= loss:
+                out.append(other)
+            if len(out) == self.options.alike:
+                break
+        return out
 
     def neighbours(self, state: State) -> Iterator[State]:
         """States that differ in one discrete value."""

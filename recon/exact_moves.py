@@ -24,7 +24,11 @@ class ExactOptions:
     steps: tuple[int, int, int] = (3, 2, 8)  # Gauss-Newton steps of a start, of a changed choice, of the last polish
     differences: tuple[float, ...] = (0.03, 0.02, 0.01)  # of a scalar's range, a level each; the last serves the rest
     settle: tuple[float, ...] = (0.02, 0.008, 0.003, 0.001)  # last steps, as root mean squares of the residuals' change
-    points: int = 800  # surface points of each shape, when shapes that look alike are compared
+    points: int = 500  # surface points of each shape, when shapes that look alike are compared
+    alike: int = 20  # of these, at most
+    combined: int = 120  # combinations of several choices that are tried for it
+    anywhere: int = 96  # random shapes that are looked at when all starts were lost
+    restarts: int = 3  # of these, that are polished
 
 
 @dataclass(frozen=True)

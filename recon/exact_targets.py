@@ -19,10 +19,12 @@ from recon.shape_score import Body
 
 
 class ExactTarget(Protocol):
-    """levels = how many kinds of residuals there are, 0 the coarsest; good = loss that leaves few doubts of choices."""
+    """levels = how many kinds of residuals there are, 0 the coarsest; good = loss that leaves few doubts of choices;
+    lost = loss of an answer that is not even near."""
 
     levels: int
     good: float
+    lost: float
 
     def residuals(self, shape: Shape, level: int, reference: Shape) -> np.ndarray:
         """(n,); `reference` is the shape that derivatives are taken at, of the same parts."""
@@ -35,6 +37,7 @@ class MaskTarget:
     """Masks (V, H, W) bool of the shape in cameras K (V, 3, 3), cam_from_canonical (V, 4, 4); sides of 4 n pixels."""
 
     good = 1.5e-4  # ten pixels of four masks of 128 x 128
+    lost = 5e-3
     shrink = (4, 2, 1)  # a level's pixels are the means of so many, along each side
 
     def __init__(self, masks: np.ndarray, K: np.ndarray, cam_from_canonical: np.ndarray) -> None:
@@ -72,6 +75,7 @@ class GridTarget:
 
     levels = 2
     good = 1e-3  # some five voxels
+    lost = 0.1
 
     def __init__(self, grid: np.ndarray, count: int = 1_000, centred: float = 0.15) -> None:
         self.grid, self.count, self.centred = grid, count, centred

@@ -98,6 +98,15 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
     return Target(clean, _spacing(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings))
 
 
+def of_triangles(
+    triangles: np.ndarray, ups: tuple[str, ...], what: str, samples: int = 20_000, seed: int = 0
+) -> Target:
+    """A clean closed surface (m, 3, 3) as a target; its front is unknown."""
+    corners = triangles.reshape(-1, 3)
+    points = sampled(Surface(corners, np.arange(len(corners)).reshape(-1, 3)), samples, seed)
+    return Target(points, _spacing(points), True, triangles, ups, (), str(Kind.MESH), what)
+
+
 def _axis(name: str, option: str) -> str:
     if name not in AXES:
         raise InputError(f"{option} is one of auto, {', '.join(AXES)}; got {name!r}")

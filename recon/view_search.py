@@ -1,4 +1,4 @@
-"""recon.refine's search for one mask whose camera is found, too: where the object is, and ways to move it.
+"""The search on silhouettes for one mask whose camera is found, too: where the object is, and ways to move it.
 
 The seven numbers of the alignment here mean: turn and place of the object before the camera, and the focal length (the
 object moves away as the focal length grows, so that only the perspective changes).
@@ -21,8 +21,8 @@ from recon.crops import Crops
 from recon.mask_windows import Box, mask_box, rolled, seen_from, shortest_turn, towards, window
 from recon.raster import coverage
 from recon.raster import silhouettes as silhouettes_of
-from recon.refine import RefineOptions, _Search, _State
 from recon.scene import Cameras, Canonical, cam_from_canonical
+from recon.silhouette_search import RefineOptions, SilhouetteSearch, State
 from recon.view_bank import Bank, BankOptions, Hit, search
 from recon.view_priors import PriorOptions
 
@@ -59,7 +59,7 @@ class OneView:
 
 
 @dataclass(frozen=True)
-class View(_State):
+class View(State):
     """A state with its focal length, in units of the guess."""
 
     zoom: float = 1.0
@@ -75,8 +75,8 @@ def _spread(bank: Bank, hits: list[Hit], count: int) -> list[Hit]:
     return list(chosen.values())
 
 
-class ViewSearch(_Search):
-    """recon.refine's search with a camera that is found, too."""
+class ViewSearch(SilhouetteSearch):
+    """The search on silhouettes with a camera that is found, too."""
 
     def __init__(self, model: Model, view: OneView, options: CameraSearchOptions) -> None:
         share, valid, K = window(view.mask, view.K, options.size)
@@ -92,7 +92,7 @@ class ViewSearch(_Search):
             self.free[n : n + 3] = 0  # the turn
         self.area = float(self.hard.sum())
 
-    def neighbours(self, state: _State) -> Iterator[tuple[str, _State]]:
+    def neighbours(self, state: State) -> Iterator[tuple[str, State]]:
         """As in refine; a known pose holds the front as well."""
         known = self.view.cam_from_model is not None
         return ((name, s) for name, s in super().neighbours(state) if not (known and name.startswith("front")))
@@ -144,26 +144,26 @@ class ViewSearch(_Search):
         point = np.array([box[0] + box[2] / 2 - 0.5, box[1] + box[3] / 2 - 0.5, 1])
         return cv2.invertAffineTransform(forward) @ point + 0.5
 
-    def direction(self, state: _State) -> tuple[float, float]:
+    def direction(self, state: State) -> tuple[float, float]:
         """Azimuth and elevation in degrees from which the camera sees the object."""
         pose = self.pose(state)
         return seen_from(pose[:3, :3], pose[:3, 3])
 
-    def pose(self, state: _State) -> np.ndarray:
+    def pose(self, state: State) -> np.ndarray:
         """(4, 4) rigid, cam_from_canonical in canonical units."""
         return cam_from_canonical(self.crops.cameras, Canonical(state.canonical))[0]
 
-    # What recon.refine asks for
+    # What SilhouetteSearch asks for
 
-    def images(self, state: _State, draw: object) -> np.ndarray:
+    def images(self, state: State, draw: object) -> np.ndarray:
         """(1, S, S), drawn with the state's own focal length."""
         K = self.crops.cameras.K.copy()
         K[:, (0, 1), (0, 1)] *= getattr(state, "zoom", 1.0)
         function = silhouettes_of if draw is silhouettes_of else coverage
-        return np.stack(function(self._built(state), K, self.pose(state)[None], self.crops.cameras.sizes))
+        return np.stack(function(self.built(state), K, self.pose(state)[None], self.crops.cameras.sizes))
 
-    def moved(self, state: _State, delta: np.ndarray) -> _State:
-        """As in recon.refine; the last number is a fifth of the focal length's logarithm instead of a size."""
+    def moved(self, state: State, delta: np.ndarray) -> State:
+        """As in SilhouetteSearch; the last number is a fifth of the focal length's logarithm instead of a size."""
         delta = delta * self.free
         grown = float(np.exp(5 * delta[-1]))
         delta[-1] = 0
@@ -174,34 +174,34 @@ class ViewSearch(_Search):
             canonical[:3, 3] *= grown  # the focal length is free only where the world is the camera's frame
         return replace(out, canonical=canonical, zoom=out.zoom * grown)
 
-    def agreement(self, state: _State) -> float:
+    def agreement(self, state: State) -> float:
         """IoU with the mask, without priors."""
         return super().iou(state)
 
-    def iou(self, state: _State) -> float:
+    def iou(self, state: State) -> float:
         """What the search maximises: IoU less what an unusual camera costs."""
         return self.agreement(state) - float((self._unusual(state) ** 2).sum())
 
-    def _residual(self, state: _State, blur: float) -> np.ndarray:
+    def _residual(self, state: State, blur: float) -> np.ndarray:
         return np.concatenate([super()._residual(state, blur), np.sqrt(self.area) * self._unusual(state)])
 
-    def _unusual(self, state: _State) -> np.ndarray:
+    def _unusual(self, state: State) -> np.ndarray:
         """Roots of what this picture costs for being unlikely; none where the pose is known."""
         if self.view.cam_from_model is not None:
             return np.zeros(view_priors.COUNT)
-        extent = np.ptp(self._built(state).bounds(), axis=0)
+        extent = np.ptp(self.built(state).bounds(), axis=0)
         up, zoom = self.pose(state)[:3, 2], getattr(state, "zoom", 1.0)
         return view_priors.roots(up, *self.direction(state), zoom, extent, self.model.usual_depth, self.costs.priors)
 
     # Ways to move
 
-    def starts(self, bank: Bank, count: int) -> list[_State]:
+    def starts(self, bank: Bank, count: int) -> list[State]:
         """The views of the bank that agree best with the mask, drawn exactly in its place."""
         hits = search(bank, self.hard[0], self.crops.valid[0], self.costs.bank, self.allowed(bank))
-        placed: list[_State] = [self.placed(bank, h) for h in _spread(bank, hits, self.costs.placed)]
+        placed: list[State] = [self.placed(bank, h) for h in _spread(bank, hits, self.costs.placed)]
         return self.distinct(placed, count, 3)
 
-    def climbed(self, state: _State) -> View:
+    def climbed(self, state: State) -> View:
         """The state after a simplex search on IoU itself, which Gauss-Newton on blurred differences only approaches."""
         n = len(self.scalars)
         steps = np.array([0.08] * n + [0.05] * 3 + [0.02] * 3 + [0.04])
@@ -223,7 +223,7 @@ class ViewSearch(_Search):
         assert isinstance(best, View)
         return best
 
-    def _soft_iou(self, state: _State) -> float:
+    def _soft_iou(self, state: State) -> float:
         """IoU of shares of pixels, less what an unusual camera costs."""
         drawn, mask = self.images(state, coverage) * self.crops.valid, self.crops.masks
         both = float(np.minimum(drawn, mask).sum() / max(np.maximum(drawn, mask).sum(), 1))
@@ -231,10 +231,10 @@ class ViewSearch(_Search):
 
     # Several answers
 
-    def distinct(self, states: list[_State], count: int, each: int) -> list[_State]:
+    def distinct(self, states: list[State], count: int, each: int) -> list[State]:
         """The best states, at most `each` of them from one side."""
         sides: dict[int, int] = {}
-        out: list[_State] = []
+        out: list[State] = []
         for _, _, state in sorted(((-self.iou(s), i, s) for i, s in enumerate(states)), key=lambda t: t[:2]):
             side = round(self.direction(state)[0] / 30) % 12
             sides[side] = sides.get(side, 0) + 1
@@ -242,7 +242,7 @@ class ViewSearch(_Search):
                 out.append(state)
         return out
 
-    def other_cameras(self, best: _State, others: Sequence[_State]) -> list[tuple[str, float]]:
+    def other_cameras(self, best: State, others: Sequence[State]) -> list[tuple[str, float]]:
         """(description, IoU) of the finalists that are seen from elsewhere."""
         out, (azimuth, _) = [], self.direction(best)
         for state in others:

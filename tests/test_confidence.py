@@ -13,7 +13,7 @@ from recon.crops import object_crops
 from recon.evaluate import calibration
 from recon.evaluate.calibration import Sample
 from recon.evaluate.scenes import drawn_scene, orbit
-from recon.refine import RefineOptions, _Search
+from recon.silhouette_search import RefineOptions, SilhouetteSearch
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def scene():
 def search_of(scene, views=8):
     model, params, poses, masks, place = scene
     masks = replace(masks, used=np.arange(8) < views)
-    search = _Search(model, object_crops(poses.cameras, masks, place, 96), RefineOptions())
+    search = SilhouetteSearch(model, object_crops(poses.cameras, masks, place, 96), RefineOptions())
     return search, search.state(params, place, 0)
 
 

@@ -15,8 +15,8 @@ from recon.evaluate import pix3d_dev
 from recon.mask_windows import guessed_K, touching
 from recon.outputs import OutputsOptions
 from recon.raster import iou, silhouettes
-from recon.refine import RefineOptions
 from recon.scene import InputError
+from recon.silhouette_search import RefineOptions
 from recon.view_bank import BankOptions, load_bank, search
 from recon.view_search import CameraSearchOptions, OneView
 
