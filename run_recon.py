@@ -35,6 +35,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--mask", type=Path, metavar="FILE", help="of one image: white = object")
     p.add_argument("--box", metavar="X,Y,W,H", help="of one image: pixels round the object, which is then cut out")
     p.add_argument("--pix3d", type=Path, metavar="FILE", help="of one image: Pix3D's pix3d.json with its camera")
+    p.add_argument(
+        "--camera-off", type=float, metavar="DEGREES", help="how far --pix3d's camera may be off; found with the shape"
+    )
     p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
     p.add_argument(
         "--cameras",
@@ -109,7 +112,7 @@ def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
 
 def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
     """Run what fits photos, a video or images; returns report.json."""
-    from recon import from_image, inputs, pipeline
+    from recon import from_image, inputs, one_mask, pipeline
     from recon.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.one_mask import parse_box
     from recon.video import VideoOptions
@@ -120,8 +123,9 @@ def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
     }
     both = {"class_name": args.class_name, "height": args.height, "seed": args.seed, **lens}
     box = parse_box(args.box) if args.box else None
-    if from_image.fits(args.photos, kind, args.mask, box, args.pix3d):
-        options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, **both)
+    if from_image.fits(args.photos, kind, args.mask, box, args.pix3d, args.camera_off):
+        doubt = one_mask.checked_doubt(args.camera_off, args.pix3d)
+        options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, doubt=doubt, **both)
         return from_image.run(args.photos, out, options).report_json
     photo_options = pipeline.ReconOptions(
         masks=args.masks,

@@ -38,6 +38,7 @@ class ImageOptions:
     mask: Path | None = None  # white = object
     box: tuple[float, float, float, float] | None = None  # x, y, w, h in pixels of the upright image
     pix3d: Path | None = None  # Pix3D's pix3d.json: the camera is in the image's record
+    doubt: float = 0.0  # degrees by which that camera may be turned; it is then found with the shape
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in pixels of the original
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
     height: float | None = None  # real height of the object in metres
@@ -90,7 +91,9 @@ def fits(path: Path, kind: str, *of_one_image: object) -> bool:
     given = any(value is not None for value in of_one_image)
     one = path.is_file() and kind in (Kind.IMAGE, Kind.MASKS)
     if given and not one:
-        raise InputError(f"--mask, --box and --pix3d belong to one image, and {path} is not an image file")
+        raise InputError(
+            f"--mask, --box, --pix3d and --camera-off belong to one image, and {path} is not an image file"
+        )
     return one or kind == Kind.MASKS
 
 
@@ -115,7 +118,7 @@ def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
         size = (width, height) if original is None else (int(original[0, 0]), int(original[0, 1]))
         camera = read_camera(options.pix3d, str(path), size)
         log.info("camera: from %s", options.pix3d.name)
-        return OneView(masked.mask, camera.K_for(width, height), True, camera.cam_from_model)
+        return OneView(masked.mask, camera.K_for(width, height), True, camera.cam_from_model, options.doubt)
     held = intrinsics.held(masked.frames, options.intrinsics, options.focal_mm)
     if held is not None:
         fx, fy, cx, cy = held[0]

@@ -43,6 +43,17 @@ def parse_box(text: str) -> tuple[float, float, float, float]:
     return x, y, w, h
 
 
+def checked_doubt(degrees: float | None, record: Path | None) -> float:
+    """Degrees by which a record's camera may be turned, 0 when nothing was said; raises InputError."""
+    if degrees is None:
+        return 0.0
+    if record is None:
+        raise InputError("--camera-off says how far --pix3d's camera may be off; without --pix3d it is found anyway")
+    if not 0 < degrees <= 45:
+        raise InputError(f"--camera-off wants degrees between 0 and 45, got {degrees:g}")
+    return degrees
+
+
 def run(
     path: Path,
     workdir: Path,

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-COUNT = 6
-
 
 @dataclass(frozen=True)
 class PriorOptions:
@@ -21,6 +19,7 @@ class PriorOptions:
     focal: float = 0.003  # of a focal length 1.8 times longer or shorter than usual
     elevation: float = 0.004  # of 8 degrees below the floor or above 40 degrees
     behind: float = 0.01  # of a view from straight behind
+    turn: float = 0.002  # of a given camera turned by as much as it may be
     depth: float = 0.004  # of a depth one spread off the usual; at most 3 spreads count
 
 
@@ -33,7 +32,7 @@ def roots(
     usual_depth: tuple[float, float] | None,
     options: PriorOptions,
 ) -> np.ndarray:
-    """(COUNT,) roots of the costs.
+    """(6,) roots of the costs.
 
     up            (3,) the object's vertical in the camera frame
     azimuth, elevation  degrees, where the camera stands; zoom: the focal length in units of an ordinary one

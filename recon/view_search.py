@@ -50,12 +50,14 @@ class OneView:
     mask            (H, W) bool
     K               (3, 3) float, pixels; its focal length is a guess unless focal_known
     cam_from_model  (4, 4) rigid or None: the whole pose is known, in a frame with canonical axes about the object
+    doubt           degrees by which that pose may be turned; 0 holds the turn. Where the object is, is always found
     """
 
     mask: np.ndarray
     K: np.ndarray
     focal_known: bool = False
     cam_from_model: np.ndarray | None = None
+    doubt: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class ViewSearch(SilhouetteSearch):
         self.free = np.ones(n + 7)
         if view.focal_known or view.cam_from_model is not None:
             self.free[n + 6] = 0  # the focal length
-        if view.cam_from_model is not None:
+        if view.cam_from_model is not None and not view.doubt:
             self.free[n : n + 3] = 0  # the turn
         self.area = float(self.hard.sum())
 
@@ -186,9 +188,11 @@ class ViewSearch(SilhouetteSearch):
         return np.concatenate([super()._residual(state, blur), np.sqrt(self.area) * self._unusual(state)])
 
     def _unusual(self, state: State) -> np.ndarray:
-        """Roots of what this picture costs for being unlikely; none where the pose is known."""
+        """Roots of what this picture costs for being unlikely; where the pose is known, for being turned from it."""
         if self.view.cam_from_model is not None:
-            return np.zeros(view_priors.COUNT)
+            doubt = np.radians(self.view.doubt) or np.inf
+            turned = cv2.Rodrigues(np.asarray(state.canonical[:3, :3], float))[0].ravel()
+            return np.sqrt(self.costs.priors.turn) * turned / doubt
         extent = np.ptp(self.built(state).bounds(), axis=0)
         up, zoom = self.pose(state)[:3, 2], getattr(state, "zoom", 1.0)
         return view_priors.roots(up, *self.direction(state), zoom, extent, self.model.usual_depth, self.costs.priors)

@@ -12,6 +12,7 @@ from nnproc.rays import look_at_cameras
 from recon import from_image, from_masks, one_mask, pix3d_record
 from recon.camera_search import find
 from recon.evaluate import pix3d_dev
+from recon.evaluate.robust import knocked
 from recon.mask_windows import guessed_K, touching
 from recon.outputs import OutputsOptions
 from recon.raster import iou, silhouettes
@@ -76,6 +77,30 @@ def test_a_known_camera_gives_the_parameters_back(chair, bank):
     for s in chair.space.scalars:
         assert found.refined.params[s.name] == pytest.approx(CHAIR[s.name], abs=0.06 * (s.high - s.low))
     assert found.azimuth == pytest.approx(40, abs=2)
+
+
+def test_a_given_camera_that_is_off_is_found_with_the_shape(chair, bank):
+    mask, K, pose = _drawn(chair, 40, 22)
+    given = knocked(pose)
+    held, freed = (find(chair, OneView(mask, K, True, given, doubt), bank, SMALL) for doubt in (0, 10))
+    assert freed.refined.mean_iou > held.refined.mean_iou + 0.03
+    off = [abs(f.azimuth - 40) + abs(f.elevation - 22) for f in (held, freed)]
+    assert off[0] > 10 > 3 * off[1]
+    wrong = [
+        max(abs(f.refined.params[s.name] - CHAIR[s.name]) / (s.high - s.low) for s in chair.space.scalars)
+        for f in (held, freed)
+    ]
+    assert wrong[1] < 0.5 * wrong[0]
+
+
+def test_doubt_about_a_camera_needs_a_camera_and_some_degrees(tmp_path):
+    assert one_mask.checked_doubt(None, None) == 0
+    assert one_mask.checked_doubt(8, tmp_path / "pix3d.json") == 8
+    with pytest.raises(InputError, match="without --pix3d"):
+        one_mask.checked_doubt(8, None)
+    for degrees in (0, -3, 90, float("nan")):
+        with pytest.raises(InputError, match="between 0 and 45"):
+            one_mask.checked_doubt(degrees, tmp_path / "pix3d.json")
 
 
 def test_an_unknown_camera_is_found_with_the_shape(chair, bank):
