@@ -7,6 +7,7 @@ the object does, and its parameters are those whose surface lies nearest to the 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -67,7 +68,7 @@ class DistanceSearch(SilhouetteSearch):
         placed, distance = self.placed(state), self.distance(state)
         if placed and distance <= self.costs.explained:
             return state
-        found = self.nearest(state)
+        found = self.nearest(state, by_hull=not placed)
         allowed = self.costs.gain * distance if placed else self.costs.loss * max(distance, self.costs.tiny)
         return found if self.distance(found) < allowed else state
 
@@ -97,6 +98,10 @@ class DistanceSearch(SilhouetteSearch):
         """The state with its scalars moved by (n,) shares of their ranges."""
         return self.stood(replace(state, units=np.clip(state.units + delta, 0, 1)))
 
+    def neighbours(self, state: State) -> Iterator[tuple[str, State]]:
+        """States that differ in one discrete value or in the front, in the object's place."""
+        return ((name, self.stood(s)) for name, s in super().neighbours(state))
+
     def distance(self, state: State) -> float:
         """Mean squared distances to the hull and from it, canonical units; comparable with D_chamfer."""
         return float(np.square(self._apart(state, self._places(state))).sum())
@@ -116,9 +121,9 @@ class DistanceSearch(SilhouetteSearch):
         empty = self.hull.left_empty(self.images(state, silhouettes_of))
         return np.concatenate([out, empty / np.sqrt(len(empty))])
 
-    def nearest(self, start: State) -> State:
-        """The best by distance that is found from a start and from the hull as a mesh."""
-        starts = [self.stood(start), self.stood(self.from_hull())]
+    def nearest(self, start: State, by_hull: bool = True) -> State:
+        """The best by distance that is found from a start and, which takes longer, from the hull as a mesh."""
+        starts = [self.stood(start), *([self.stood(self.from_hull())] if by_hull else [])]
         found = [self.improve(self.approach(s, self.costs.steps)) for s in starts]
         return self.approach(min(found, key=self.distance), self.costs.steps)
 
@@ -136,7 +141,7 @@ class DistanceSearch(SilhouetteSearch):
         """Change one choice or the front at a time while that helps, polishing the most promising."""
         loss = self.distance(state)
         for _ in range(self.costs.sweeps):
-            others = [self.stood(s) for _, s in self.neighbours(state)]
+            others = [s for _, s in self.neighbours(state)]
             ranked = sorted(((self.distance(s), i) for i, s in enumerate(others)))[: self.costs.tries]
             best = min((self.approach(others[i], self.costs.short) for _, i in ranked), key=self.distance)
             if (lower := self.distance(best)) >= loss * (1 - 1e-3):

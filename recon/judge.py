@@ -11,6 +11,7 @@ from recon.raster import iou, silhouettes
 from recon.refine import Refined
 from recon.scene import Poses, Silhouettes, cam_from_canonical
 
+EXPLAINED = 0.85  # mean IoU below which something about the outlines is not of this class, or the masks are wrong
 GOOD, POOR = 0.9, 0.6  # mean IoU of a right result, and of a shape that merely stands in the same place
 CLEAR = 0.02  # how much IoU the best front should be ahead of the next
 
@@ -52,10 +53,11 @@ def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos
 
 def _warnings(model: Model, mean: float, lead: float, view_iou: np.ndarray, masks: Silhouettes) -> tuple[str, ...]:
     out = []
-    if mean < 0.75:
+    if mean < EXPLAINED:
         out.append(
-            f"the best {model.name} explains the outlines only to {mean:.2f}: the object may be of another class, "
-            "or the masks may be wrong (look at contact_sheet.png; give better masks with --masks)"
+            f"the best {model.name} explains the outlines only to {mean:.2f}: the object has parts that the class "
+            "lacks, or is of another class, or the masks are wrong (look at contact_sheet.png; give better masks with "
+            "--masks). Parameters and their chances are those of the nearest shape that can be made"
         )
     if lead < CLEAR / 2:
         out.append("two sides of the object fit almost equally well: check which way it faces")

@@ -50,14 +50,18 @@ def run(
 ) -> Refined:
     """The best state found from the fit's candidates; never worse than the best of them by IoU, unless it stands
     where the object cannot be, or is much farther from the silhouettes' hull."""
-    search = SilhouetteSearch(model, object_crops(poses.cameras, silhouettes, canonical, options.size), options)
+    crops = object_crops(poses.cameras, silhouettes, canonical, options.size)
+    search: SilhouetteSearch = SilhouetteSearch(model, crops, options)
     states = [search.state(c.params, canonical, c.turn) for c in fitted.candidates]
     scored = sorted(((search.iou(s), i) for i, s in enumerate(states)), reverse=True)
     start_iou = scored[0][0]
     polished = [search.polish(states[i]) for _, i in scored[: options.candidates]]
     best = search.improve_choices(max(polished, key=search.iou))
     if search.iou(best) < MET:
-        best = DistanceSearch(model, poses, silhouettes, canonical, options).better(best)
+        near = DistanceSearch(model, poses, silhouettes, canonical, options)
+        if (nearest := near.better(best)) is not best:
+            # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
+            search, best = near, nearest
     best = search.faced(best)
     score, alternatives = search.iou(best), search.alternatives(best)
     sure = confidence.run(search, best)
