@@ -113,24 +113,26 @@ def search(models: list[Model], view: OneView, options: ImageOptions = ImageOpti
 def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
     """The mask with what is known of its camera: a record, intrinsics, EXIF's focal length, or nothing."""
     width, height = (int(v) for v in masked.frames.sizes[0])
+    seen = OneView(masked.mask, guessed_K(width, height), known=masked.known)
     if options.pix3d is not None:
         original = masked.frames.original
         size = (width, height) if original is None else (int(original[0, 0]), int(original[0, 1]))
         camera = read_camera(options.pix3d, str(path), size)
         log.info("camera: from %s", options.pix3d.name)
-        return OneView(masked.mask, camera.K_for(width, height), True, camera.cam_from_model, options.doubt)
+        K, pose = camera.K_for(width, height), camera.cam_from_model
+        return replace(seen, K=K, focal_known=True, cam_from_model=pose, doubt=options.doubt)
     held = intrinsics.held(masked.frames, options.intrinsics, options.focal_mm)
     if held is not None:
         fx, fy, cx, cy = held[0]
         log.info("camera: intrinsics known, place unknown")
-        return OneView(masked.mask, np.array([(fx, 0, cx), (0, fy, cy), (0, 0, 1)], float), True)
-    K, focal = guessed_K(width, height), float(masked.frames.focal_px[0])
+        return replace(seen, K=np.array([(fx, 0, cx), (0, fy, cy), (0, 0, 1)], float), focal_known=True)
+    focal = float(masked.frames.focal_px[0])
     if np.isfinite(focal):
-        K[(0, 1), (0, 1)] = focal
+        seen.K[(0, 1), (0, 1)] = focal
         log.info("camera: focal length from EXIF, place unknown")
-        return OneView(masked.mask, K, True)
+        return replace(seen, focal_known=True)
     log.info("camera: unknown")
-    return OneView(masked.mask, K)
+    return seen
 
 
 def _result(
@@ -140,7 +142,8 @@ def _result(
     found, name = searched.found, masked.frames.names
     cameras = Cameras(name, found.K[None], found.cam_from_world[None], masked.frames.sizes)
     poses = Poses(cameras, masked.frames.paths, np.zeros((0, 3)), np.zeros((0, 1), bool))
-    silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool))
+    unknown = () if masked.known is None else (~masked.known,)
+    silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool), unknown=unknown)
     verdict = _judged(judge.run(searched.model, poses, silhouettes, found.refined, 1), view, found)
     return Result(
         class_name=searched.model.name,

@@ -124,14 +124,16 @@ def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneV
     warnings: list[str] = []
     for i, (name, size) in enumerate(zip(shot.names, shot.sizes, strict=True)):
         try:
-            mask, notes = one_mask.checked(read_mask(folder / name, (int(size[0]), int(size[1]))), name)
+            whole = int(size[0]), int(size[1])
+            mask, known = read_mask(folder / name, whole), one_mask.told(folder / name, whole)
+            mask, notes = one_mask.checked(mask if known is None else mask & known, name)
         except BadMask as error:
             raise InputError(f"a mask cannot be used: {error}") from error
         warnings += notes
         K = guessed_K(int(size[0]), int(size[1]))
         if held is not None:
             K[(0, 1), (0, 1)], K[:2, 2] = held[i, :2], held[i, 2:]
-        views.append(OneView(mask, K, held is not None))
+        views.append(OneView(mask, K, held is not None, known=known))
     return views, warnings
 
 
@@ -141,7 +143,8 @@ def _result(
     cameras, n = joint.cameras(shot), len(shot.names)
     poses = Poses(cameras, shot.paths, np.zeros((0, 3)), np.zeros((0, n), bool))
     masks = tuple(job.view.mask for job in joint.jobs)
-    silhouettes = Silhouettes(shot.names, masks, ("user",) * n, np.ones(n, bool))
+    unknown = tuple(None if job.view.known is None else ~job.view.known for job in joint.jobs)
+    silhouettes = Silhouettes(shot.names, masks, ("user",) * n, np.ones(n, bool), unknown=unknown)
     score = joint.iou(joint.params)
     refined = Refined(joint.params, Canonical(np.eye(4)), score, score, ())
     verdict = judge.run(joint.model, poses, silhouettes, refined, n)

@@ -41,27 +41,30 @@ def rolled(mask: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def touching(mask: np.ndarray, inside: np.ndarray) -> tuple[bool, bool, bool, bool]:
-    """Whether the object reaches the photo's left, top, right, bottom edge over more than a point."""
-    found, frame = mask_box(mask), mask_box(inside)
-    if found is None or frame is None:
+    """Whether the object goes on, over more than a point, to the left, top, right, bottom of what is `inside`: beyond
+    the photo's edge, or behind what hides it."""
+    found, beyond = mask_box(mask), np.pad(~inside, 1, constant_values=True)
+    if found is None:
         return False, False, False, False
-    x, y, w, h = (int(v) for v in frame)
-    edges = (mask[:, x], mask[y], mask[:, x + w - 1], mask[y + h - 1])
+    edges = (beyond[1:-1, :-2], beyond[:-2, 1:-1], beyond[1:-1, 2:], beyond[2:, 1:-1])
     sides = (found[3], found[2], found[3], found[2])
-    left, top, right, bottom = (bool(e.sum() > 0.02 * s + 1) for e, s in zip(edges, sides, strict=True))
+    left, top, right, bottom = (bool((mask & e).sum() > 0.02 * s + 1) for e, s in zip(edges, sides, strict=True))
     return left, top, right, bottom
 
 
-def window(mask: np.ndarray, K: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def window(
+    mask: np.ndarray, K: np.ndarray, size: int, known: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The square on the object: shares of its pixels that are object (size, size) float32, which pixels lie in the
-    photo (size, size) bool, and K for it. The mask must not be empty."""
-    box = mask_box(mask)
+    photo and are known (size, size) bool, and K for it. The mask must not be empty; `known` (H, W) bool, or all is."""
+    told = np.ones_like(mask) if known is None else known
+    box = mask_box(mask | ~told)
     assert box is not None
     x, y, w, h = box
     side = int(np.ceil(MARGIN * max(w, h))) + 2
     left, top = round(x + w / 2 - side / 2), round(y + h / 2 - side / 2)
     pad = side
-    both = np.stack([mask, np.ones_like(mask)], -1).astype(np.float32)
+    both = np.stack([mask & told, told], -1).astype(np.float32)
     both = cv2.copyMakeBorder(both, pad, pad, pad, pad, cv2.BORDER_CONSTANT, value=(0, 0))
     cut = both[top + pad : top + pad + side, left + pad : left + pad + side]
     small = cv2.resize(cut, (size, size), interpolation=cv2.INTER_AREA)

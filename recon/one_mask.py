@@ -11,7 +11,7 @@ import numpy as np
 from recon import frames
 from recon.frames import FramesOptions
 from recon.scene import Frames, InputError
-from recon.usermasks import BadMask, read_mask
+from recon.usermasks import BadMask, read_mask, read_unknown
 
 LEAST_AREA = 150  # px that an object must cover
 RIVAL = 0.3  # a second part this large, compared with the largest, may be another object
@@ -24,12 +24,16 @@ WHAT_TO_GIVE = (
 
 @dataclass(frozen=True)
 class Masked:
-    """One image as Frames, its mask (H, W) bool at the working copy's size, where the mask comes from, and warnings."""
+    """One image as Frames, its mask (H, W) bool at the working copy's size, where the mask comes from, and warnings.
+
+    known  (H, W) bool where a user's mask says something, None for everywhere: middle grey is hidden or unsure
+    """
 
     frames: Frames
     mask: np.ndarray
     source: str
     warnings: tuple[str, ...]
+    known: np.ndarray | None = None
 
 
 def parse_box(text: str) -> tuple[float, float, float, float]:
@@ -80,8 +84,16 @@ def run(
         mask, source = _read(path, (width, height)), "user"
     else:
         raise InputError(f"nothing says where the object is in {path.name}: {WHAT_TO_GIVE}")
-    mask, warnings = checked(mask, path.name, boxed=source == "grabcut")
-    return Masked(shot, mask, source, warnings)
+    file = {"user": mask_file or path, "alpha": shot.alpha[0]}.get(source)
+    known = None if file is None else told(file, (width, height))
+    mask, warnings = checked(mask if known is None else mask & known, path.name, boxed=source == "grabcut")
+    return Masked(shot, mask, source, warnings, known)
+
+
+def told(file: Path, size: tuple[int, int]) -> np.ndarray | None:
+    """(H, W) bool where a mask file says something, or None when it does everywhere."""
+    unknown = read_unknown(file, size)
+    return ~unknown if unknown.any() else None
 
 
 def _read(file: Path, size: tuple[int, int]) -> np.ndarray:
@@ -94,13 +106,14 @@ def _read(file: Path, size: tuple[int, int]) -> np.ndarray:
 
 
 def _is_mask(path: Path) -> bool:
-    """Whether a picture is nearly black and white, as a mask saved in any format is."""
+    """Whether a picture is nearly black and white, and middle grey for the unknown, as a mask in any format is."""
     image = cv2.imread(str(path))
     if image is None:
         return False
     low, high = image.min(2), image.max(2)
-    two_valued = np.mean((high < 40) | (low > 215)) > 0.97
-    return bool(two_valued and (high < 40).any() and (low > 215).any())
+    grey = (low > 118) & (high < 138)
+    few_valued = np.mean((high < 40) | (low > 215) | grey) > 0.97
+    return bool(few_valued and (high < 40).any() and (low > 215).any())
 
 
 def checked(mask: np.ndarray, name: str, boxed: bool = False) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -50,6 +50,7 @@ class OneView:
     mask            (H, W) bool
     K               (3, 3) float, pixels; its focal length is a guess unless focal_known
     cam_from_model  (4, 4) rigid or None: the whole pose is known, in a frame with canonical axes about the object
+    known           (H, W) bool or None: where the mask says something; the object may go on where it does not
     doubt           degrees by which that pose may be turned; 0 holds the turn. Where the object is, is always found
     """
 
@@ -58,6 +59,7 @@ class OneView:
     focal_known: bool = False
     cam_from_model: np.ndarray | None = None
     doubt: float = 0.0
+    known: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class ViewSearch(SilhouetteSearch):
     """The search on silhouettes with a camera that is found, too."""
 
     def __init__(self, model: Model, view: OneView, options: CameraSearchOptions) -> None:
-        share, valid, K = window(view.mask, view.K, options.size)
+        share, valid, K = window(view.mask, view.K, options.size, view.known)
         pose = np.eye(4) if view.cam_from_model is None else view.cam_from_model
         cameras = Cameras(("view",), K[None], pose[None], np.array([[options.size] * 2]))
         super().__init__(model, Crops(cameras, share[None], valid[None]), options.coarse)

@@ -139,6 +139,23 @@ def test_an_object_that_the_edge_cuts_off_is_noticed():
     assert touching(mask, np.ones_like(mask)) == (False, False, False, True)
 
 
+def test_what_is_hidden_counts_neither_way(chair, bank, tmp_path):
+    mask, K, pose = _drawn(chair, 40, 22)
+    columns = np.flatnonzero(mask.any(0))
+    grey = np.zeros(mask.shape, bool)
+    grey[:, int(np.quantile(columns, 0.7)) :] = True  # behind a curtain
+    picture = np.where(grey, 128, np.where(mask, 255, 0)).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "mask.png"), picture)
+    masked = one_mask.run(tmp_path / "mask.png", tmp_path / "work")
+    assert masked.known is not None
+    assert (masked.mask == (mask & ~grey)).mean() > 0.999
+    assert touching(masked.mask, masked.known) == (False, False, True, False)
+    seen = find(chair, OneView(masked.mask, K, True, pose, known=masked.known), bank, SMALL)
+    taken = find(chair, OneView(masked.mask, K, True, pose), bank, SMALL)
+    off = [abs(f.refined.params["width"] - CHAIR["width"]) for f in (seen, taken)]
+    assert off[0] < 0.04 < off[1]
+
+
 def test_a_record_projects_the_model_onto_its_mask(chair, tmp_path):
     mask, K, pose = _drawn(chair, 70, 25)
     file = tmp_path / "pix3d.json"
