@@ -62,6 +62,10 @@ class DistanceSearch(SilhouetteSearch):
             normal, offset = silhouettes.floor[:3], silhouettes.floor[3]
             self.ground = -float(normal @ self.box[:3, 3] + offset) / canonical.scale
         self.hull = HullDistance(carved, self.crops, canonical, self.ground)
+        # The hull is as long and as wide as the object to 1 or 2 percent, where a carving that forgives is to 8.
+        corners = self.hull.triangles.reshape(-1, 3)
+        low, high = corners.min(0), corners.max(0)
+        self.middle, self.longest = (low + high)[:2] / 2, float((high - low).max())
 
     def better(self, state: State) -> State:
         """The state, or the nearest answer that is found, when the state fills another place or is much farther."""
@@ -77,7 +81,7 @@ class DistanceSearch(SilhouetteSearch):
         box_from_shape = np.linalg.inv(self.box) @ state.canonical
         scale = float(np.linalg.norm(box_from_shape[:3, 0]))
         foot = box_from_shape[2, 3] + scale * float(self.built(state).bounds()[0, 2])
-        off = np.array([*box_from_shape[:2, 3], np.log(scale), foot - self.ground])
+        off = np.array([*(box_from_shape[:2, 3] - self.middle), np.log(scale / self.longest), foot - self.ground])
         return bool((np.abs(off) <= self.costs.misplaced).all())
 
     def stood(self, state: State) -> State:
@@ -86,8 +90,9 @@ class DistanceSearch(SilhouetteSearch):
         yaw = np.arctan2(box_from_shape[1, 0], box_from_shape[0, 0])
         c, s = np.cos(yaw), np.sin(yaw)
         out = np.eye(4)
-        out[:2, :2] = [(c, -s), (s, c)]
-        out[2, 3] = self.ground - float(self.built(state).bounds()[0, 2])
+        out[:3, :3] = self.longest * np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
+        out[:2, 3] = self.middle
+        out[2, 3] = self.ground - self.longest * float(self.built(state).bounds()[0, 2])
         return replace(state, canonical=self.box @ out)
 
     def probes(self, state: State) -> np.ndarray:
