@@ -1,4 +1,4 @@
-"""Cameras on two rings round an object, each placed so that the whole object fills a chosen part of the picture.
+"""Cameras on two rings round an object, or on a part of them, each placed so that the object fills the picture.
 
 Cameras: OpenCV axes, pixel centres at +0.5. World: metres, Z up, floor at z = 0.
 """
@@ -19,6 +19,8 @@ class Orbit:
     roll: float = 1.5  # degrees, how far the camera tilts sideways
     aim: float = 0.03  # of the object's longest side, how far the camera looks past its middle
     fill: tuple[float, float] = (0.62, 0.74)  # of the picture's height that the object takes
+    arc: float = 360.0  # degrees of azimuth that each ring covers; 360 = all round, from azimuth 0
+    towards: float = 0.0  # degrees, azimuth of the middle of a smaller arc
 
 
 def intrinsics(width: int, height: int, focal: float) -> np.ndarray:
@@ -56,10 +58,12 @@ def plan(
     size    (width, height) in pixels
     """
     low = (views + 1) // 2
+    start = 0.0 if orbit.arc >= 360 else orbit.towards - orbit.arc / 2
     out = []
     for i in range(views):
         ring, count, j = (0, low, i) if i < low else (1, views - low, i - low)
-        azimuth = 360 * (j + 0.5 * ring) / count + rng.uniform(-orbit.jitter, orbit.jitter)
+        step = (j + 0.5 * ring) / count if orbit.arc >= 360 else (j + 0.25 + 0.5 * ring) / count
+        azimuth = start + orbit.arc * step + rng.uniform(-orbit.jitter, orbit.jitter)
         elevation = orbit.elevations[ring] + rng.uniform(-orbit.jitter, orbit.jitter)
         out.append(_place(points, np.radians([azimuth, elevation]), K, size, orbit, rng))
     return np.array(out)

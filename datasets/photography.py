@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from tqdm import tqdm
 from datasets import mosaics
 from datasets.staging import PhotosetOptions, Plan
 from procmodels import studio
+from procmodels.studio_room import NearWall, Room, Rug
+
+PLAIN = (150, 141, 128)  # RGB of a plain floor
 
 
 def photograph(folder: Path, plan: Plan, options: PhotosetOptions) -> None:
@@ -20,7 +24,7 @@ def photograph(folder: Path, plan: Plan, options: PhotosetOptions) -> None:
     todo = [(n, s) for n, s in zip(plan.names, plan.shots, strict=True) if not (folder / n).is_file()]
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)
-        room = _room(scratch, plan.reach, options)
+        room = _room(scratch, plan, options)
         settings = studio.RenderSettings(
             options.width, options.height, options.lens_mm, options.samples, options.threads
         )
@@ -30,18 +34,35 @@ def photograph(folder: Path, plan: Plan, options: PhotosetOptions) -> None:
             _develop(scratch / "frame.png", folder / photo, options)
 
 
-def _room(scratch: Path, reach: float, options: PhotosetOptions) -> studio.Room:
+def _room(scratch: Path, plan: Plan, options: PhotosetOptions) -> Room:
     """Paint the pictures for floor and walls; the walls stand well behind the cameras."""
     rng = np.random.default_rng([options.seed, 2])
     detail = min(4096, max(512, 5 * options.width))  # about one picture pixel a photo pixel
-    pictures = {
-        "floor.png": mosaics.mosaic(detail, detail, detail // 12, rng),
-        "wall.png": mosaics.mosaic(detail, detail // 8, detail // 24, rng, mute=0.45),
-    }
-    for name, picture in pictures.items():
-        Image.fromarray(picture).save(scratch / name, compress_level=1)
-    half = 1.7 * reach
-    return studio.Room(half, 0.95 * half, scratch / "floor.png", scratch / "wall.png", rng.uniform(0, 2 * np.pi))
+    floor = mosaics.mosaic(detail, detail, detail // 12, rng)
+    wall = mosaics.mosaic(detail, detail // 8, detail // 24, rng, mute=0.45)
+    half, light = 1.7 * plan.reach, rng.uniform(0, 2 * np.pi)
+    if options.floor == "plain":
+        floor = np.full((8, 8, 3), PLAIN, np.uint8)
+    room = Room(half, 0.95 * half, _saved(floor, scratch / "floor.png"), _saved(wall, scratch / "wall.png"), light)
+    turn = plan.world_from_canonical[:2, :2]
+    back = float(np.arctan2(turn[1, 1], turn[0, 1]))  # the object faces -Y
+    if options.rug:
+        picture = mosaics.mosaic(detail // 2, detail // 3, detail // 24, rng, tone=0.6)
+        width = 1.9 * float(np.ptp(plan.vertices[:, :2], axis=0).max() * np.linalg.norm(turn[:, 0]))
+        size = (width, width * picture.shape[0] / picture.shape[1])
+        room = replace(room, rug=Rug(size, _saved(picture, scratch / "rug.png"), back + rng.uniform(-0.3, 0.3)))
+    if options.wall:
+        picture = mosaics.mosaic(detail, detail // 2, detail // 12, rng, mute=0.45)
+        distance = float(plan.vertices[:, 1].max() * np.linalg.norm(turn[:, 1])) + options.wall
+        near = NearWall(distance, back, _saved(picture, scratch / "near.png"))
+        # The main lamp and the one 2.4 radians further on both hang on the free side.
+        room = replace(room, near_wall=near, light_angle=back + np.pi - 1.2)
+    return room
+
+
+def _saved(picture: np.ndarray, path: Path) -> Path:
+    Image.fromarray(picture).save(path, compress_level=1)
+    return path
 
 
 def _develop(frame: Path, target: Path, options: PhotosetOptions) -> None:

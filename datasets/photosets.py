@@ -132,6 +132,9 @@ def _info(mesh_path: Path, options: PhotosetOptions) -> dict[str, Any]:
         raise PhotosetError(f"{mesh_path}: no such file")
     recorded = dataclasses.asdict(options)
     del recorded["threads"]  # the machine's business, not the set's
+    for name in ("arc", "floor", "rug", "wall"):  # younger than the first sets: told only where they differ
+        if recorded[name] == getattr(PhotosetOptions, name):
+            del recorded[name]
     source, licence = recorded.pop("source"), recorded.pop("licence")
     digest = hashlib.sha256(mesh_path.read_bytes()).hexdigest()
     info = {"mesh": mesh_path.name, "sha256": digest, "source": source, "licence": licence, "options": recorded}
@@ -165,6 +168,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--up", default=d.up, help="the file's up axis, such as z (by format)")
     parser.add_argument("--front", default=d.front, help="the axis that the object faces, such as -y (by format)")
     parser.add_argument("--height", type=float, help=f"of the object, metres (the catalogue's, or {d.object_height})")
+    parser.add_argument("--arc", type=float, default=d.arc, help="degrees about the front (%(default)g: all round)")
+    parser.add_argument("--floor", choices=staging.FLOORS, default=d.floor, help="(%(default)s)")
+    parser.add_argument("--rug", action="store_true", help="lay a patterned rug under the object")
+    parser.add_argument("--wall", type=float, default=d.wall, help="metres behind the object (%(default)g: none)")
     parser.add_argument("--source", default="", help="where the mesh comes from; recorded")
     parser.add_argument("--licence", default="", help="of the mesh; recorded")
     parser.add_argument("--threads", type=int, default=d.threads, help="render threads, 0 = all cores")
@@ -202,6 +209,10 @@ def _options(args: argparse.Namespace, model: sweethome3d.Model | None) -> Photo
         front=args.front,
         object_height=PhotosetOptions.object_height if tall is None else tall,
         threads=args.threads,
+        arc=args.arc,
+        floor=args.floor,
+        rug=args.rug,
+        wall=args.wall,
         rotation=rotation,
         source=source,
         licence=licence,

@@ -1,7 +1,7 @@
 """What a photo set is made of, decided before rendering: options, the object's place, cameras, focus, exposure.
 
 Canonical frame: X right, object faces -Y, Z up, bounding box centred, longest side 1.
-World frame: metres, Z up, floor at z = 0. Cameras: OpenCV axes, pixel centres at +0.5.
+World frame: metres, Z up, the object stands on z = 0. Cameras: OpenCV axes, pixel centres at +0.5.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from datasets.turns import AXES, turn
 from procmodels import studio
 
 Y_UP = (".obj", ".glb", ".gltf")  # formats whose files are usually Y-up; the others are taken as Z-up
+FLOORS = ("patterned", "plain")
 _RANGES = {"views": (2, 1000), "width": (16, 8192), "height": (16, 8192), "samples": (1, 4096), "quality": (1, 100)}
 
 
@@ -34,6 +35,10 @@ class PhotosetOptions:
     object_height: float = 0.9  # metres
     lens_mm: float = 32.0  # focal length on a 36 mm wide sensor: focal in pixels = lens_mm / 36 * width
     quality: int = 88  # JPEG
+    arc: float = 360.0  # degrees of each ring that the cameras keep to, about the object's front; 360 = all round
+    floor: str = "patterned"  # or "plain": one colour, nothing for structure from motion to hold on to
+    rug: bool = False  # a patterned rug, 1 cm thick, under the object; the object stands on z = 0, the floor is lower
+    wall: float = 0.0  # metres from the object's back to a wall right behind it, with arc <= 180; 0 = none
     threads: int = 0  # render threads, 0 = all cores
     rotation: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 1)  # row by row, applied first, in the file's axes
     source: str = ""  # where the mesh comes from; recorded only
@@ -49,6 +54,12 @@ class PhotosetOptions:
         for name in ("object_height", "lens_mm"):
             if not 0 < getattr(self, name) < 1e4:
                 raise PhotosetError(f"{name} must be above 0, got {getattr(self, name)}")
+        if not 0 < self.arc <= 360:
+            raise PhotosetError(f"arc must be above 0 and at most 360 degrees, got {self.arc}")
+        if self.floor not in FLOORS:
+            raise PhotosetError(f"floor must be one of {', '.join(FLOORS)}, got {self.floor!r}")
+        if self.wall < 0 or (self.wall > 0 and self.arc > 180):
+            raise PhotosetError(f"wall must be 0 or more metres and needs arc <= 180, got {self.wall} and {self.arc}")
         if self.seed < 0:
             raise PhotosetError(f"seed must be 0 or more, got {self.seed}")
 
@@ -126,10 +137,12 @@ def plan(raw: np.ndarray, faces: np.ndarray, suffix: str, options: PhotosetOptio
     vertices = apply(to_canonical, raw)
     rng = np.random.default_rng([options.seed, 1])
     # A random yaw: the world's axes must not give the object's away.
-    place = _stand(options.object_height, float(np.ptp(vertices[:, 2])), rng.uniform(0, 2 * np.pi))
+    yaw = rng.uniform(0, 2 * np.pi)
+    place = _stand(options.object_height, float(np.ptp(vertices[:, 2])), yaw)
     K = orbits.intrinsics(options.width, options.height, options.focal)
     size = (options.width, options.height)
-    poses = orbits.plan(apply(place, vertices), options.views, K, size, orbits.Orbit(), rng)
+    orbit = orbits.Orbit(arc=options.arc, towards=float(np.degrees(yaw)) - 90)
+    poses = orbits.plan(apply(place, vertices), options.views, K, size, orbit, rng)
     places = np.linalg.inv(poses)
     shots = []
     for i, world_from_cam in enumerate(places):

@@ -2,7 +2,7 @@
 
 The only place where Cycles renders. Everything here works on Blender's one global scene, in this order:
 `load_mesh` (clean session, import) -> `furnish` (place the mesh, build the room) -> `shoot` once a view.
-World frame: metres, right-handed, Z up, floor at z = 0. Cameras: OpenCV axes, world_from_cam (4, 4).
+World frame: metres, right-handed, Z up, the object stands on z = 0. Cameras: OpenCV axes, world_from_cam (4, 4).
 `bpy` is imported inside the functions, so that this module can be read without Blender.
 """
 
@@ -14,9 +14,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from procmodels.studio_room import Room
 
 SENSOR_MM = 36.0  # width of the virtual sensor; `lens_mm` is meant on this width
 IMPORTERS = (".obj", ".ply", ".stl", ".glb", ".gltf")
@@ -27,17 +30,6 @@ _BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's cameras look
 
 class StudioError(ValueError):
     """The mesh cannot be photographed; the message says why."""
-
-
-@dataclass(frozen=True)
-class Room:
-    """Four walls round the origin, open above; the object stands in the middle."""
-
-    half_side: float  # metres, from the middle to each wall
-    wall_height: float  # metres
-    floor_image: Path  # covers the whole floor once
-    wall_image: Path  # runs once round the four walls
-    light_angle: float = 0.0  # radians about Z: where the main lamp hangs
 
 
 @dataclass(frozen=True)
@@ -149,62 +141,19 @@ def furnish(world_from_file: np.ndarray, room: Room, settings: RenderSettings, s
     import bpy
     from mathutils import Matrix
 
-    from procmodels import studio_materials as materials
+    from procmodels import studio_materials, studio_room
 
     for obj in _meshes():
         obj.matrix_world = Matrix((world_from_file @ np.array(obj.matrix_world)).tolist())
-    materials.finish(_meshes(), seed)
-    s, h = room.half_side, room.wall_height
-    floor = materials.picture("studio_floor", room.floor_image)
-    wall = materials.picture("studio_wall", room.wall_image)
-    corners = [(-s, -s), (s, -s), (s, s), (-s, s)]
-    _quad("studio_floor", [(x, y, 0.0) for x, y in corners], (0.0, 1.0), floor)
-    for i in range(4):
-        (ax, ay), (bx, by) = corners[i], corners[(i + 1) % 4]
-        ring = [(ax, ay, 0.0), (bx, by, 0.0), (bx, by, h), (ax, ay, h)]
-        _quad(f"studio_wall{i}", ring, (i / 4, (i + 1) / 4), wall)
-    _lights(room)
+    studio_materials.finish(_meshes(), seed)
+    studio_room.build(room)
     _render_settings(settings)
     camera = bpy.data.cameras.new("studio_camera")
     camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", SENSOR_MM, settings.lens_mm
-    camera.clip_start, camera.clip_end = 0.01 * s, 100 * s
+    camera.clip_start, camera.clip_end = 0.01 * room.half_side, 100 * room.half_side
     holder = bpy.data.objects.new("studio_camera", camera)
     bpy.context.collection.objects.link(holder)
     bpy.context.scene.camera = holder
-
-
-def _quad(name: str, corners: list[tuple[float, float, float]], u: tuple[float, float], material: Any) -> None:
-    import bpy
-
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
-    layer = mesh.uv_layers.new(name="uv")
-    for i, uv in enumerate([(u[0], 0.0), (u[1], 0.0), (u[1], 1.0), (u[0], 1.0)]):
-        layer.data[i].uv = uv
-    mesh.materials.append(material)
-    bpy.context.collection.objects.link(bpy.data.objects.new(name, mesh))
-
-
-def _lights(room: Room) -> None:
-    """A large main lamp, a weaker one opposite, and gentle light from above; power grows with the room's area."""
-    import bpy
-    from mathutils import Vector
-
-    s = room.half_side
-    for name, angle, reach, watts in (("key", 0.0, 0.55, 15.0), ("fill", 2.4, 0.6, 7.0)):
-        lamp = bpy.data.lights.new(f"studio_{name}", "AREA")
-        lamp.shape, lamp.size, lamp.energy = "DISK", 0.5 * s, watts * s * s
-        holder = bpy.data.objects.new(lamp.name, lamp)
-        turn = room.light_angle + angle
-        holder.location = (reach * s * np.cos(turn), reach * s * np.sin(turn), 0.95 * room.wall_height)
-        holder.rotation_euler = Vector(-np.array(holder.location)).to_track_quat("-Z", "Y").to_euler()
-        bpy.context.collection.objects.link(holder)
-    world = bpy.data.worlds.new("studio_world")
-    background = world.node_tree.nodes["Background"]
-    background.inputs["Color"].default_value = (0.95, 0.97, 1.0, 1.0)
-    background.inputs["Strength"].default_value = 0.8
-    world.cycles.sampling_method = "NONE"  # one even colour: chance hits are enough
-    bpy.context.scene.world = world
 
 
 def _render_settings(settings: RenderSettings) -> None:

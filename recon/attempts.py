@@ -72,16 +72,27 @@ class Attempt:
     pairs: np.ndarray
     models: np.ndarray
 
+    def centres(self) -> np.ndarray:
+        """(v, 3) float, where the photos were taken from."""
+        return -np.einsum("vji,vj->vi", self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3])
+
     @property
     def registered(self) -> np.ndarray:
         """(V,) bool."""
         return np.isin(np.arange(len(self.keypoints)), self.view)
 
 
-def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt | None, str, list[str]]:
-    """The attempt that placed the most photos, its rung's name, and what went wrong in crashed attempts."""
-    best, best_name, failures = None, "", []
+def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt | None, str, list[Attempt], list[str]]:
+    """The attempt that placed the most photos, its rung's name, all attempts, and what went wrong in crashed ones.
+
+    Of few photos every rung that reuses features is tried, which takes seconds: two photos of a plane can be placed in
+    two ways, and when they come first, few others are there to show which one is wrong. The evidence decides.
+    """
+    best, best_name = None, ""
+    tried: list[Attempt] = []
+    failures: list[str] = []
     enough = options.good_fraction * len(frames.names)
+    few = len(frames.names) <= options.few_photos
     for i, rung in enumerate(LADDER[: options.attempts]):
         if rung.keep_focal and (best is None or plausible_focal(frames, best.view, best.K)):
             continue
@@ -93,16 +104,19 @@ def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt 
             log.warning("attempt %d (%s) failed: %s", i + 1, rung.name, error)
             failures.append(f"{rung.name}: {error}")
             continue
+        tried.append(attempt)
         seconds = time.monotonic() - started
         log.info("placed %d of %d photos in %.0f s", len(attempt.view), len(frames.names), seconds)
         # A reconstruction bent by a wrong focal length may hold every photo, but explains few of the matches.
         if best is None or _evidence(attempt, enough) > _evidence(best, enough):
             best, best_name = attempt, rung.name
-        if len(best.view) >= enough and (rung.keep_focal or plausible_focal(frames, best.view, best.K)):
+        cheap_next = few and any(r.reuse for r in LADDER[i + 1 : options.attempts])
+        plausible = rung.keep_focal or plausible_focal(frames, best.view, best.K)
+        if len(best.view) >= enough and plausible and not cheap_next:
             break
         if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
             break  # there is nothing to find in these photos
-    return best, best_name, failures
+    return best, best_name, tried, failures
 
 
 def _evidence(attempt: Attempt, enough: float) -> tuple[float, int]:
@@ -117,11 +131,22 @@ def plausible_focal(frames: Frames, view: np.ndarray, K: np.ndarray) -> bool:
     return not len(ratio) or bool(abs(np.log(np.median(ratio))) <= np.log(1.25))
 
 
+def pair_error(frames: Frames, options: PosesOptions) -> float:
+    """px that matches may miss the common geometry of their two photos by.
+
+    COLMAP's 4 px are meant for large photos: in small ones they make a geometry of chance matches. Of many photos the
+    others outvote such a pair, and 4 px find more points.
+    """
+    if len(frames.names) > options.few_photos:
+        return 4.0
+    return float(np.clip(frames.sizes.max() / 400, 2.0, 4.0))
+
+
 def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: PosesOptions) -> Path:
     """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
     count = len(frames.names)
     source = max((i for i, r in enumerate(LADDER[: number + 1]) if not r.reuse), default=number)
-    if frames.sizes.max() < options.enlarge_below or count <= options.enlarge_up_to:
+    if frames.sizes.max() < options.enlarge_below or count <= options.few_photos:
         rung = replace(rung, first_octave=-1)
     given = held(frames, options.intrinsics, options.focal_mm)
     if given is not None:
@@ -137,10 +162,11 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
             options.overlap,
         ),
         "database": str((folder / f"features_{source}.db").resolve()),
+        "pair_error": pair_error(frames, options),
         "rung": asdict(rung),
         "seed": options.seed + number,
         # Of few photos one thread: the time is short anyway, and nothing is left to the order in which threads end.
-        "threads": options.threads or (1 if count <= options.enlarge_up_to else os.cpu_count() or 1),
+        "threads": options.threads or (1 if count <= options.few_photos else os.cpu_count() or 1),
     }
     path = folder / f"attempt_{number}.json"
     path.write_text(json.dumps(order, indent=1))

@@ -22,6 +22,8 @@ class FloorOptions:
     walls: int = 6  # most walls that are looked for; 0 = floor only
     wall_share: float = 0.004  # of all points, that a wall must carry at least
     wall_distance: float = 0.45  # of the median camera distance, from the focus to a wall at least
+    near_wall: float = 0.08  # instead of wall_distance, for a wall whose points spread wider than any object
+    near_width: float = 1.1  # of what a photo's longest side shows at the object, that they spread at least
 
 
 @dataclass(frozen=True)
@@ -175,19 +177,38 @@ def _walls(
     rest = points[points @ floor[:3] + floor[3] > 3 * tolerance]
     walls: list[np.ndarray] = []
     least = max(options.least, int(options.wall_share * len(points)))
-    while len(walls) < options.walls and len(rest) >= least:
-        pairs = rest[rng.integers(len(rest), size=(options.trials, 2))]
-        normals = np.cross(pairs[:, 1] - pairs[:, 0], floor[:3])
-        length = np.linalg.norm(normals, axis=1)
-        normals = normals / np.maximum(length, 1e-12)[:, None]
-        normals *= np.where(np.einsum("ni,ni->n", normals, focus - pairs[:, 0]) < 0, -1.0, 1.0)[:, None]
-        gap = np.einsum("nvi,ni->nv", inside[None] - pairs[:, :1], normals)
-        ok = (length > 0) & (gap[:, :-1].min(1) > 0) & (gap[:, -1] > options.wall_distance * distance)
-        if not ok.any():
-            break
-        wall = _refine(rest, _best_plane(rest, normals[ok], pairs[ok, 0], tolerance, 1.0), tolerance)
-        if _count(rest, wall, tolerance) < least:
-            break
-        walls.append(wall)
-        rest = rest[np.abs(rest @ wall[:3] + wall[3]) > 2 * tolerance]
+    shown = float(np.median(cameras.sizes.max(1) / cameras.K[:, 0, 0])) * distance
+    # What is near may be the object's own back, but no object is wider than the photos that show it whole.
+    for gap, width in ((options.wall_distance, 0.0), (options.near_wall, options.near_width * shown)):
+        while len(walls) < options.walls and len(rest) >= least:
+            wall = _upright(rest, floor[:3], inside, gap * distance, tolerance, rng, options.trials)
+            if wall is None or _count(rest, wall, tolerance) < least:
+                break
+            on = np.abs(rest @ wall[:3] + wall[3])
+            across = rest[on < tolerance] @ np.cross(wall[:3], floor[:3])
+            if np.ptp(np.quantile(across, (0.05, 0.95))) >= width:
+                walls.append(wall)
+            rest = rest[on > 2 * tolerance]
     return np.array(walls).reshape(-1, 4)
+
+
+def _upright(
+    points: np.ndarray,
+    up: np.ndarray,
+    inside: np.ndarray,
+    gap: float,
+    tolerance: float,
+    rng: np.random.Generator,
+    trials: int,
+) -> np.ndarray | None:
+    """The best plane along `up` through two points, with all of `inside` (V + 1, 3) before it, the last by `gap`."""
+    pairs = points[rng.integers(len(points), size=(trials, 2))]
+    normals = np.cross(pairs[:, 1] - pairs[:, 0], up)
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals / np.maximum(length, 1e-12)[:, None]
+    normals *= np.where(np.einsum("ni,ni->n", normals, inside[-1] - pairs[:, 0]) < 0, -1.0, 1.0)[:, None]
+    before = np.einsum("nvi,ni->nv", inside[None] - pairs[:, :1], normals)
+    ok = (length > 0) & (before[:, :-1].min(1) > 0) & (before[:, -1] > gap)
+    if not ok.any():
+        return None
+    return _refine(points, _best_plane(points, normals[ok], pairs[ok, 0], tolerance, 1.0), tolerance)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from recon.scene import Frames
+from recon.similarity import similarity_between
+
+if TYPE_CHECKING:
+    from recon.attempts import Attempt
 
 REMEDY = (
     "What helps: lay a printed newspaper or a patterned rug under the object, take 20 to 60 sharp photos all round it "
@@ -12,6 +18,8 @@ REMEDY = (
 )
 FEW_FEATURES = 400  # a photo of a textured room has some thousand
 BLURRED = 0.3  # of the median sharpness of the set
+RIVAL = 0.9  # of the best attempt's observations of points: an attempt with so many is a rival
+ELSEWHERE = 0.1  # of the cameras' spread: a rival that places one so far off contradicts
 TELLING = 8  # names listed before "and n more"
 
 
@@ -68,6 +76,24 @@ def focal_warnings(frames: Frames, view: np.ndarray, K: np.ndarray) -> list[str]
             f"the focal length found is {np.median(ratio):.2f} times the one in the photos' EXIF data: the photos may "
             "be cropped or zoomed, or the reconstruction may be bent"
         ]
+    return []
+
+
+def other_ways(best: Attempt, tried: list[Attempt]) -> list[str]:
+    """A warning when another attempt explains the photos nearly as well as the best one and places them elsewhere."""
+    for other in tried:
+        common = np.intersect1d(best.view, other.view)
+        if other is best or len(common) < 4 or other.tracks.sum() < RIVAL * best.tracks.sum():
+            continue
+        here, there = (a.centres()[np.searchsorted(a.view, common)] for a in (best, other))
+        turn = similarity_between(there, here)
+        moved = here - there @ turn[:3, :3].T - turn[:3, 3]
+        size = np.sqrt(((here - here.mean(0)) ** 2).sum(1).mean())
+        if np.linalg.norm(moved, axis=1).max() > ELSEWHERE * size:
+            return [
+                "the photos can be placed in another way that explains them nearly as well: check in contact_sheet.png "
+                "that the outlines fit; more photos between these would decide"
+            ]
     return []
 
 

@@ -36,7 +36,7 @@ class PosesOptions:
     matching: str = "auto"  # "exhaustive", "sequential" (ordered photos), or "auto": by the number of photos
     exhaustive_up_to: int = 60  # photos; "auto" compares every pair up to here
     enlarge_below: int = 700  # px, longest side: smaller photos are searched for features enlarged twice at once
-    enlarge_up_to: int = 16  # photos: of so few, too; the features are needed, and the time is short anyway
+    few_photos: int = 16  # up to here photos are enlarged too, pairs checked more strictly, and more starts are tried
     overlap: int = 10  # neighbours on either side that sequential matching compares
     good_fraction: float = 0.9  # of the photos: once so many are placed, no further attempt is made
     min_registered: int = 6  # photos; fewer placed is an error (of 3 to 5 photos all must be placed)
@@ -63,7 +63,7 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -
     folder = workdir / "poses"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    best, rung, failures = climb(frames, folder, options)
+    best, rung, tried, failures = climb(frames, folder, options)
     if best is None:
         raise ReconstructionError("structure from motion stopped with an error: " + "; ".join(failures))
     diagnosis = pose_diagnosis.explain(frames, best.registered, best.keypoints, best.pairs, best.models)
@@ -76,6 +76,7 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -
     if rung != LADDER[0].name:
         warnings.append(f'the photos were hard to place: {len(best.view)} of {total} with "{rung}"')
     warnings += pose_diagnosis.focal_warnings(frames, best.view, best.K)
+    warnings += pose_diagnosis.other_ways(best, tried)
     for warning in warnings:
         log.warning(warning)
     return _poses(frames, best, workdir / "undistorted", tuple(warnings))
@@ -171,6 +172,7 @@ def _match(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path
     verification = pycolmap.TwoViewGeometryOptions()
     verification.min_num_inliers = rung["pair_inliers"]
     verification.ransac.random_seed = order["seed"]
+    verification.ransac.max_error = order["pair_error"]
     # Pairs without overlap use up every trial: 10,000 (the default) takes twice the time and gains no pair.
     verification.ransac.max_num_trials = 1000
     pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)

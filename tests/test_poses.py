@@ -310,3 +310,30 @@ def test_sample_photo_set(tmp_path):
     assert rotation < 0.2
     assert centre < 0.004
     assert found.cameras.K[:, 0, 0] == pytest.approx(views[0]["K"][0][0], rel=0.005)
+
+
+def attempt(places, observations, turn=None):
+    """Cameras at `places` (v, 3), in a world turned by `turn`, that saw points so many times."""
+    poses_ = np.tile(np.eye(4), (len(places), 1, 1))
+    poses_[:, :3, 3] = -places if turn is None else -2 * places @ turn.T
+    none = np.zeros(0)
+    tracks = np.ones((observations, 1), bool)
+    return attempts.Attempt(np.arange(len(places)), none, none, poses_, none, tracks, none, none, none)
+
+
+def test_a_rival_that_places_the_photos_elsewhere_is_told():
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(8, 3))
+    best = attempt(places, 100)
+    turned = attempt(places, 95, cv2.Rodrigues(np.array([0.3, 1.0, -0.5]))[0])
+    moved = places.copy()
+    moved[3] += 2
+    assert pose_diagnosis.other_ways(best, [best, turned]) == []  # the same room in another frame
+    assert pose_diagnosis.other_ways(best, [best, attempt(moved, 50)]) == []  # explains too little
+    assert "another way" in pose_diagnosis.other_ways(best, [best, attempt(moved, 95)])[0]
+
+
+def test_few_small_photos_are_matched_more_strictly(shots):
+    options = PosesOptions()
+    assert attempts.pair_error(shots, options) == 2
+    assert attempts.pair_error(shots, PosesOptions(few_photos=3)) == 4

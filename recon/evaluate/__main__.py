@@ -165,8 +165,11 @@ def _robust_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def _alignment_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--sets", type=int, default=2, help="rendered photo sets, each spoilt in every way (at most 6)")
-    parser.set_defaults(run=lambda args: _told(args, list(alignment.run(args.work, args.sets))))
+    kinds = [kind.name for kind in alignment.KINDS]
+    parser.add_argument(
+        "--kind", action="append", choices=kinds, metavar="NAME", help=f"may be repeated; {', '.join(kinds)}"
+    )
+    parser.set_defaults(run=lambda args: _told(args, list(alignment.run(args.work, args.kind or ()))))
 
 
 def _calibration_flags(parser: argparse.ArgumentParser) -> None:
