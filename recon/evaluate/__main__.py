@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon.evaluate import alignment, calibration, chair, gallery, robust, speed, table1, table2, table3
+from recon.evaluate import alignment, calibration, chair, gallery, robust, speed, table1, table1_rows, table2, table3
 from recon.evaluate.real_answers import INPUTS
 from recon.evaluate.rows import Row, machine, print_table, write_json
 from recon.evaluate.speed_rows import SpeedOptions, quick, read_rows, write_rows
@@ -74,8 +74,8 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
 
 def _table1(args: argparse.Namespace) -> int:
     if args.show:
-        rows = [table1.Table1Row.from_json(r) for r in json.loads(args.show.read_text())]
-        sys.stdout.write(table1.compact(rows))
+        rows = [table1_rows.Table1Row.from_json(r) for r in json.loads(args.show.read_text())]
+        sys.stdout.write(table1_rows.compact(rows))
         return 0
     defaults = table1.Table1Options()
     if not 2 <= args.shapes <= 300:
@@ -94,7 +94,7 @@ def _table1(args: argparse.Namespace) -> int:
         rows.append(row)
         if args.json:
             _add_rows(args.json, [row])
-    table1.print_rows(rows, sys.stdout)
+    table1_rows.print_rows(rows, sys.stdout)
     return 0
 
 
@@ -236,7 +236,7 @@ def _speed(args: argparse.Namespace) -> int:
     return 0
 
 
-def _add_rows(path: Path, rows: list[table1.Table1Row]) -> None:
+def _add_rows(path: Path, rows: list[table1_rows.Table1Row]) -> None:
     """Add rows to a JSON list, each in place of an earlier one of the same name; written whole or not at all."""
     kept = json.loads(path.read_text()) if path.is_file() else []
     key = ("class", "grid", "task", "method")

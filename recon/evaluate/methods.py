@@ -110,11 +110,15 @@ def refined_masks(what: str) -> Method:
 
     def found(bench: Bench, case: Case) -> Params:
         answers, nearest = _mask_answers(bench, case, what)
-        K, cam_from_canonical = (c.numpy() for c in cameras(what))
-        target = MaskTarget(masks(case.shape, what).numpy() > 0.5, K, cam_from_canonical)
-        return exact_fit.run(bench.model, target, [*answers, *nearest]).params
+        return exact_fit.run(bench.model, mask_target(case, what), [*answers, *nearest]).params
 
     return found
+
+
+def mask_target(case: Case, what: str) -> MaskTarget:
+    """The exact masks of a shape in "paper" or "spread" cameras."""
+    K, cam_from_canonical = (c.numpy() for c in cameras(what))
+    return MaskTarget(masks(case.shape, what).numpy() > 0.5, K, cam_from_canonical)
 
 
 def paper_masks(what: str) -> Method:

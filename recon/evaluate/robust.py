@@ -138,7 +138,7 @@ def one_mask_rows(model: Model, held_out: list[Case]) -> Iterator[Row]:
             view = OneView(mask, K, True, knocked(pose) if off else pose, doubt)
             shape = model.build(find(model, view, bank, options).refined.params)
             found.append(chamfer(shape.to_trimesh(), case.mesh))
-        bound = "<= 0.0006" if doubt else ""
+        bound = "<= 0.0006" if doubt else None
         yield Row(f"{model.name}, one mask, {way}: D_chamfer", float(np.mean(found)), bound)
         yield Row(f"{model.name}, one mask, {way}: D_chamfer, median", float(np.median(found)))
 
