@@ -144,10 +144,10 @@ def first_round(
 
 def choose(finalists: list[Model], final: Finals, first: FirstRound, options: AutoOptions) -> Chosen:
     """The finalist of the highest IoU; the classes that went no further follow with that of their short fit."""
-    ranked = sorted(zip(finalists, final.refined, strict=True), key=lambda pair: -pair[1].mean_iou)
+    ranked = sorted(zip(finalists, final.refined, strict=True), key=lambda pair: -pair[1].evidence)
     model, refined = ranked[0]
-    others = [(m.name, r.mean_iou) for m, r in ranked[1:]] + list(first.scores[len(finalists) :])
-    classes = [(model.name, refined.mean_iou), *sorted(others, key=lambda pair: -pair[1])]
+    others = [(m.name, r.evidence) for m, r in ranked[1:]] + list(first.scores[len(finalists) :])
+    classes = [(model.name, refined.evidence), *sorted(others, key=lambda pair: -pair[1])]
     tied = [name for name, iou in classes[1:] if iou > classes[0][1] - options.tie]
     warnings = []
     if tied:

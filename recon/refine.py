@@ -30,6 +30,7 @@ class Refined:
     start_iou           the same before any polishing (best candidate)
     alternatives        (description, mean IoU) of other fronts and choices, best first
     certainty           how sure each parameter is
+    overlap             the best mean IoU that was found, wherever it had the object stand; None where that is mean_iou
     """
 
     params: Params
@@ -38,6 +39,12 @@ class Refined:
     start_iou: float
     alternatives: tuple[tuple[str, float], ...]
     certainty: Certainty | None = None
+    overlap: float | None = None
+
+    @property
+    def evidence(self) -> float:
+        """Mean IoU as evidence for the class, alike whether the answer was then moved to the object's place or not."""
+        return self.mean_iou if self.overlap is None else self.overlap
 
 
 def run(
@@ -57,15 +64,16 @@ def run(
     start_iou = scored[0][0]
     polished = [search.polish(states[i]) for _, i in scored[: options.candidates]]
     best = search.improve_choices(max(polished, key=search.iou))
+    overlap: float | None = None
     if search.iou(best) < MET:
         near = DistanceSearch(model, poses, silhouettes, canonical, options)
         if (nearest := near.better(best)) is not best:
             # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
-            search, best = near, nearest
+            overlap, search, best = search.iou(best), near, nearest
     best = search.faced(best)
     score, alternatives = search.iou(best), search.alternatives(best)
     sure = confidence.run(search, best)
-    return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives, sure)
+    return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives, sure, overlap)
 
 
 def quick_iou(

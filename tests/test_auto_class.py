@@ -138,3 +138,11 @@ def test_a_chair_is_taken_for_a_chair(chair):
     assert chosen.model.name == "chair"
     assert len(chosen.classes) == len(models)
     assert chosen.classes[0][1] > max(iou for _, iou in chosen.classes[1:]) + 0.05
+
+
+def test_an_answer_moved_to_the_objects_place_is_still_compared_by_its_overlap():
+    moved = replace(_refined(0.5), overlap=0.8)
+    first = FirstRound((("sofa", 0.6), ("chair", 0.6)), ())
+    chosen = auto_class.choose(_models("sofa", "chair"), Finals((moved, _refined(0.7))), first, AutoOptions())
+    assert chosen.model.name == "sofa"
+    assert chosen.classes[0] == ("sofa", 0.8)
