@@ -33,6 +33,7 @@ class DistanceOptions:
     gain: float = 0.7  # a new answer must lie within this share of the old one's distance, if that was in its place
     loss: float = 4.0  # or within this, if it was not
     tiny: float = 1e-4  # distances below are alike
+    many: int = 12  # views, of which one may be wrong
     carved: int = 224  # pixels along each side of the windows that carve the hull
     places: int = 1200  # on the shape's surface
     steps: int = 8  # Gauss-Newton steps of a polish
@@ -61,7 +62,9 @@ class DistanceSearch(SilhouetteSearch):
         if silhouettes.floor is not None:
             normal, offset = silhouettes.floor[:3], silhouettes.floor[3]
             self.ground = -float(normal @ self.box[:3, 3] + offset) / canonical.scale
-        self.hull = HullDistance(carved, self.crops, canonical, self.ground)
+        # Masks that people drew are right; those cut out here may have a hole.
+        doubtful = "grabcut" in silhouettes.source and len(self.crops.masks) >= options.many
+        self.hull = HullDistance(carved, self.crops, canonical, self.ground, doubtful)
         # The hull is as long and as wide as the object to 1 or 2 percent, where a carving that forgives is to 8.
         corners = self.hull.triangles.reshape(-1, 3)
         low, high = corners.min(0), corners.max(0)

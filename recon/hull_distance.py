@@ -31,15 +31,23 @@ class HullDistance:
     """
 
     def __init__(
-        self, carved: Crops, drawn: Crops, canonical: Canonical, ground: float, cells: int = 96, points: int = 1500
+        self,
+        carved: Crops,
+        drawn: Crops,
+        canonical: Canonical,
+        ground: float,
+        forgiving: bool = False,
+        cells: int = 96,
+        points: int = 1500,
     ) -> None:
         """Carve with large windows, so that thin legs last; a shape's outlines will be drawn into the windows `drawn`.
 
-        ground  height of the floor in the canonical frame: cameras above it do not see what would be below
+        ground     height of the floor in the canonical frame: cameras above it do not see what would be below
+        forgiving  one view may miss a place: a hole in a single mask must not go through the hull
         Raises ReconstructionError when nothing is left.
         """
         self.cells, self.side = cells, 1 + 2 * MARGIN
-        self.field = self._carved(carved, cam_from_canonical(carved.cameras, canonical))
+        self.field = self._carved(carved, cam_from_canonical(carved.cameras, canonical), forgiving)
         heights = ((np.arange(cells) + 0.5) / cells - 0.5) * self.side
         self.field = np.minimum(self.field, (heights - ground).astype(np.float32))
         padded = np.pad(self.field, 1, constant_values=-1.0)
@@ -51,12 +59,13 @@ class HullDistance:
         self.points = body.at(body.places(points))[0]
         self._find_pixels(drawn, cam_from_canonical(drawn.cameras, canonical))
 
-    def _carved(self, crops: Crops, poses: np.ndarray) -> np.ndarray:
-        """The field: the least of the views' signed distances at every cell's centre."""
+    def _carved(self, crops: Crops, poses: np.ndarray, forgiving: bool) -> np.ndarray:
+        """The field: the least of the views' signed distances at every cell's centre, or the least but one."""
         n = self.cells
         axis = ((np.arange(n) + 0.5) / n - 0.5) * self.side
         centres = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3).astype(np.float32)
         field = np.full(len(centres), np.inf, np.float32)
+        second = field.copy()
         possible = (crops.masks >= 0.5) | ~crops.valid
         for K, pose, mask in zip(crops.cameras.K, poses, possible, strict=True):
             signed = _distance(mask) - _distance(~mask)
@@ -64,8 +73,10 @@ class HullDistance:
             depth = np.maximum(projected[:, 2], 1e-3)
             u, v = ((projected[:, i] / depth - 0.5).reshape(-1, n) for i in (0, 1))
             seen = cv2.remap(signed, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
-            np.minimum(field, seen * depth / np.float32(K[0, 0]), out=field)
-        return field.reshape(n, n, n)
+            seen = seen * depth / np.float32(K[0, 0])
+            np.minimum(second, np.maximum(field, seen), out=second)
+            np.minimum(field, seen, out=field)
+        return (second if forgiving else field).reshape(n, n, n)
 
     def _find_pixels(self, crops: Crops, poses: np.ndarray) -> None:
         """Where each point is seen: flat pixel (V, k), and canonical units a pixel there, 0 where nothing is known."""

@@ -6,6 +6,7 @@ searched once more by distance (recon.distance_search): overlaps of outlines are
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 from procmodels import Model
@@ -15,9 +16,10 @@ from recon.confidence import Certainty
 from recon.crops import object_crops
 from recon.distance_search import DistanceSearch
 from recon.fit import FitResult
-from recon.scene import Canonical, Poses, Silhouettes
+from recon.scene import Canonical, Poses, ReconstructionError, Silhouettes
 from recon.silhouette_search import RefineOptions, SilhouetteSearch
 
+log = logging.getLogger("recon")
 MET = 0.97  # mean IoU of outlines that are met to a pixel or two
 
 
@@ -66,14 +68,25 @@ def run(
     best = search.improve_choices(max(polished, key=search.iou))
     overlap: float | None = None
     if search.iou(best) < MET:
-        near = DistanceSearch(model, poses, silhouettes, canonical, options)
-        if (nearest := near.better(best)) is not best:
+        near = _near(model, poses, silhouettes, canonical, options)
+        if near is not None and (nearest := near.better(best)) is not best:
             # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
             overlap, search, best = search.iou(best), near, nearest
     best = search.faced(best)
     score, alternatives = search.iou(best), search.alternatives(best)
     sure = confidence.run(search, best)
     return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives, sure, overlap)
+
+
+def _near(
+    model: Model, poses: Poses, silhouettes: Silhouettes, canonical: Canonical, options: RefineOptions
+) -> DistanceSearch | None:
+    """A search by distance, or None when contradicting masks leave no hull to measure from."""
+    try:
+        return DistanceSearch(model, poses, silhouettes, canonical, options)
+    except ReconstructionError as error:
+        log.info("not searched by distance: %s", error)
+        return None
 
 
 def quick_iou(
