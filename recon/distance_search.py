@@ -55,7 +55,8 @@ class DistanceSearch(SilhouetteSearch):
         refine: RefineOptions = RefineOptions(),
         options: DistanceOptions = DistanceOptions(),
     ) -> None:
-        super().__init__(model, object_crops(poses.cameras, silhouettes, canonical, refine.size), refine)
+        drawn = object_crops(poses.cameras, silhouettes, canonical, refine.size, refine.max_views)
+        super().__init__(model, drawn, refine)
         self.costs, self.box = options, canonical.world_from_canonical
         carved = object_crops(poses.cameras, silhouettes, canonical, options.carved)
         self.ground = -0.5

@@ -59,7 +59,7 @@ def run(
 ) -> Refined:
     """The best state found from the fit's candidates; never worse than the best of them by IoU, unless it stands
     where the object cannot be, or is much farther from the silhouettes' hull."""
-    crops = object_crops(poses.cameras, silhouettes, canonical, options.size)
+    crops = object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views)
     search: SilhouetteSearch = SilhouetteSearch(model, crops, options)
     states = [search.state(c.params, canonical, c.turn) for c in fitted.candidates]
     scored = sorted(((search.iou(s), i) for i, s in enumerate(states)), reverse=True)
@@ -98,6 +98,8 @@ def quick_iou(
     options: RefineOptions = RefineOptions(),
 ) -> float:
     """Mean IoU of the fit's best candidate after one coarse polish: cheap evidence for or against a model."""
-    search = SilhouetteSearch(model, object_crops(poses.cameras, silhouettes, canonical, options.size), options)
+    search = SilhouetteSearch(
+        model, object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views), options
+    )
     best = max((search.state(c.params, canonical, c.turn) for c in fitted.candidates), key=search.iou)
     return search.iou(search.polish(best, blurs=options.blurs[:1], steps=3))

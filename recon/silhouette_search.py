@@ -33,6 +33,7 @@ class RefineOptions:
     """How the exact search runs."""
 
     size: int = 112  # pixels along each side of a window
+    max_views: int = 32  # spread evenly over the photos; more add time and little else
     blurs: tuple[float, ...] = (4.0, 1.5)  # pixels, one series of Gauss-Newton steps each, coarse to fine
     steps: int = 5  # Gauss-Newton steps a blur
     candidates: int = 3  # of the fit's, that are polished at all
