@@ -18,7 +18,7 @@ from recon import shape_fit, shapes
 from recon.crops import object_crops
 from recon.hull_distance import HullDistance
 from recon.raster import silhouettes as silhouettes_of
-from recon.scene import Canonical, Poses, Silhouettes
+from recon.scene import Cameras, Canonical, Poses, Silhouettes
 from recon.shape_fit import ShapeFitOptions
 from recon.shape_score import Body, Places
 from recon.silhouette_search import RefineOptions, SilhouetteSearch, State
@@ -41,6 +41,13 @@ class DistanceOptions:
     sweeps: int = 4  # rounds over the discrete parameters
     tries: int = 2  # most promising changes of a round that are polished
     hull: ShapeFitOptions = field(default_factory=lambda: ShapeFitOptions(random=64, keep=3))
+
+
+def widest_gap(cameras: Cameras, canonical: Canonical) -> float:
+    """Degrees round the object's vertical in which no camera stands; 360 for one camera or none."""
+    centres = (cameras.centres() - canonical.world_from_canonical[:3, 3]) @ canonical.world_from_canonical[:3, :2]
+    azimuth = np.sort(np.degrees(np.arctan2(centres[:, 1], centres[:, 0])))
+    return float(np.diff(azimuth, append=azimuth[:1] + 360).max(initial=0.0)) if len(azimuth) else 360.0
 
 
 class DistanceSearch(SilhouetteSearch):

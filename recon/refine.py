@@ -9,18 +9,21 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
+import numpy as np
+
 from procmodels import Model
 from procmodels.space import Params
 from recon import confidence
 from recon.confidence import Certainty
 from recon.crops import object_crops
-from recon.distance_search import DistanceSearch
+from recon.distance_search import DistanceSearch, widest_gap
 from recon.fit import FitResult
 from recon.scene import Canonical, Poses, ReconstructionError, Silhouettes
 from recon.silhouette_search import RefineOptions, SilhouetteSearch
 
 log = logging.getLogger("recon")
 MET = 0.97  # mean IoU of outlines that are met to a pixel or two
+OPEN = 140.0  # degrees round the object without a camera: the hull is not carved there
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,9 @@ def run(
 def _near(
     model: Model, poses: Poses, silhouettes: Silhouettes, canonical: Canonical, options: RefineOptions
 ) -> DistanceSearch | None:
-    """A search by distance, or None when contradicting masks leave no hull to measure from."""
+    """A search by distance, or None when the views leave no closed hull to measure from."""
+    if widest_gap(poses.cameras.subset(np.flatnonzero(silhouettes.used)), canonical) > OPEN:
+        return None
     try:
         return DistanceSearch(model, poses, silhouettes, canonical, options)
     except ReconstructionError as error:

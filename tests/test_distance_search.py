@@ -8,7 +8,7 @@ import trimesh
 
 from recon import refine
 from recon.crops import object_crops
-from recon.distance_search import DistanceSearch
+from recon.distance_search import DistanceSearch, widest_gap
 from recon.evaluate.true_views import all_round
 from recon.hull_distance import HullDistance
 from recon.scene import Canonical, Poses, Silhouettes
@@ -116,3 +116,13 @@ def test_masks_that_contradict_each_other_leave_the_answer_as_it_is(chair, box):
     _, poses, masks, place = box
     apart = tuple(np.roll(m, 260 * (-1) ** i, 1) for i, m in enumerate(masks.masks))
     assert refine._near(chair, poses, replace(masks, masks=apart), place, RefineOptions()) is None
+
+
+def test_views_from_one_side_leave_no_hull_to_measure_from(chair, box):
+    _, poses, masks, place = box
+    assert widest_gap(poses.cameras, place) < 60
+    centres = (poses.cameras.centres() - place.world_from_canonical[:3, 3]) @ place.world_from_canonical[:3, :3]
+    front = masks.used & (centres[:, 1] < 0)
+    assert 170 < widest_gap(poses.cameras.subset(np.flatnonzero(front)), place) < 260
+    assert widest_gap(poses.cameras.subset([0]), place) == 360
+    assert refine._near(chair, poses, replace(masks, used=front), place, RefineOptions()) is None
