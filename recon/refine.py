@@ -63,7 +63,7 @@ def run(
     """The best state found from the fit's candidates; never worse than the best of them by IoU, unless it stands
     where the object cannot be, or is much farther from the silhouettes' hull."""
     crops = object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views)
-    search: SilhouetteSearch = SilhouetteSearch(model, crops, options)
+    search: SilhouetteSearch = SilhouetteSearch(model, crops, options, upright=silhouettes.floor is not None)
     states = [search.state(c.params, canonical, c.turn) for c in fitted.candidates]
     scored = sorted(((search.iou(s), i) for i, s in enumerate(states)), reverse=True)
     start_iou = scored[0][0]

@@ -57,13 +57,21 @@ Residuals = Callable[[State], np.ndarray]  # whose squares are to become small; 
 
 
 class SilhouetteSearch:
-    """The silhouettes to be met, and ways to move a state towards them."""
+    """The silhouettes to be met, and ways to move a state towards them.
 
-    def __init__(self, model: Model, crops: Crops, options: RefineOptions) -> None:
+    free  (n + 7,) 1 for what may move, 0 for what is held: scalars, then rotation, translation and size as in `moved`
+    """
+
+    def __init__(self, model: Model, crops: Crops, options: RefineOptions, upright: bool = False) -> None:
+        """`upright`: the object stands on a floor that is known better than outlines tell its tilt."""
         self.model, self.crops, self.options = model, crops, options
         self.hard = (crops.masks >= 0.5) & crops.valid
         self.scalars = model.space.scalars
         self.shapes: dict[tuple, Shape] = {}
+        n = len(self.scalars)
+        self.free = np.ones(n + 7)
+        if upright:
+            self.free[n : n + 2] = 0
 
     def state(self, params: Params, canonical: Canonical, turn: int) -> State:
         """A candidate's state, its canonical frame turned to its front."""
@@ -131,10 +139,12 @@ class SilhouetteSearch:
         return self.slopes(state, partial(self._residual, blur=blur))
 
     def slopes(self, state: State, residuals: Residuals) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,) of a state, and their derivatives (m, n + 7) by finite differences."""
+        """Residuals (m,) of a state, and their derivatives (m, n + 7) by finite differences, 0 for what is held."""
         here, sizes = residuals(state), self.probes(state)
-        columns = [(residuals(self.moved(state, d)) - here) / s for d, s in zip(np.diag(sizes), sizes, strict=True)]
-        return here, np.stack(columns, 1)
+        J = np.zeros((len(here), len(sizes)))
+        for i in np.flatnonzero(self.free[: len(sizes)]):
+            J[:, i] = (residuals(self.moved(state, np.eye(len(sizes))[i] * sizes[i])) - here) / sizes[i]
+        return here, J
 
     def probes(self, state: State) -> np.ndarray:
         """(n + 7,) finite differences; a scalar at its upper end is probed downwards."""

@@ -89,7 +89,6 @@ class ViewSearch(SilhouetteSearch):
         super().__init__(model, Crops(cameras, share[None], valid[None]), options.coarse)
         self.view, self.costs = view, options
         n = len(self.scalars)
-        self.free = np.ones(n + 7)
         if view.focal_known or view.cam_from_model is not None:
             self.free[n + 6] = 0  # the focal length
         if view.cam_from_model is not None and not view.doubt:
