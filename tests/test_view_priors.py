@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from procmodels import load, names
-from recon.view_priors import COUNT, PriorOptions, roots
+from recon.view_priors import PriorOptions, roots
 
 LEVEL = np.array([0.0, -1, 0])  # the vertical in a level camera's frame
 
 
 def cost(up=LEVEL, azimuth=0.0, elevation=20.0, zoom=1.0, extent=(0.5, 0.5, 1.0), usual=(0.0, 0.2)):
     found = roots(np.array(up), azimuth, elevation, zoom, np.array(extent), usual, PriorOptions())
-    assert found.shape == (COUNT,)
+    assert found.shape == (6,)
     return float((found**2).sum())
 
 
