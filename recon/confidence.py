@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from procmodels.space import Params
 
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
-QUANTILE = 1.645  # of a normal distribution, two-sided LEVEL
 PRIOR = 12.0  # 1 / variance of a scalar that may be anywhere in its range, in shares of the range
 LEAST_LEFT = 0.01  # 1 - IoU that exact masks leave at most
 
@@ -40,12 +40,14 @@ class Calibration:
 
     spread, floor  a scalar's standard deviation is hypot(floor, spread x the linear one), in shares of its range
     slope, offset  chance = 1 / (1 + exp(-(slope log gap + offset)))
+    tail           degrees of freedom of Student's distribution of the errors: most are small, a few are not
     """
 
     spread: float
     floor: float
     slope: float
     offset: float
+    tail: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def run(search: SilhouetteSearch, state: State, given: Calibration | None = None
     sigma = _spreads(search, state)
     intervals, spreads = {}, {}
     for scalar, unit, spread in zip(scalars, state.units, sigma, strict=True):
-        reach = QUANTILE * deviation(spread, use)
+        reach = quantile(LEVEL, use.tail) * deviation(spread, use)
         ends = np.clip([unit - reach, unit + reach], 0, 1)
         low, high = sorted(scalar.value_from_unit(float(u)) for u in ends)
         intervals[scalar.name], spreads[scalar.name] = (float(low), float(high)), float(spread)
@@ -93,6 +95,11 @@ def run(search: SilhouetteSearch, state: State, given: Calibration | None = None
         gaps[name] = gap / left
         choices[name] = Choice(chance(gaps[name], use), value, gap)
     return Certainty(intervals, choices, spreads, gaps)
+
+
+def quantile(level: float, tail: float) -> float:
+    """Deviations on either side that hold this share of a Student distribution; inf degrees of freedom are normal."""
+    return float(student.ppf((1 + level) / 2, tail))
 
 
 def deviation(spread: float, use: Calibration) -> float:

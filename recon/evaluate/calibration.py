@@ -2,8 +2,8 @@
 
     python -m recon.evaluate calibration --class chair --class table --shapes 40
 
-The first half of the shapes sets the three numbers of recon/calibration.json, the second half draws the plot: of the
-answers given with 90 %, how many are right?
+Each half of the shapes sets the numbers that the other half is checked with, for the plot: of the answers given with
+90 %, how many are right? All of them together set recon/calibration.json.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from tqdm import tqdm
 from procmodels import Model, load
 from procmodels.space import Params
 from recon import align, fit, hull, refine
-from recon.confidence import FILE, QUANTILE, Calibration, chance
+from recon.confidence import FILE, Calibration, chance, quantile
 from recon.evaluate.held_out import cases
 from recon.evaluate.robust import grown
 from recon.evaluate.rows import Row
 from recon.evaluate.scenes import drawn_scene, orbit
 from recon.scene import ReconError, Silhouettes
 
-Z = {0.5: 0.674, 0.6: 0.842, 0.7: 1.036, 0.8: 1.282, 0.9: QUANTILE, 0.95: 1.960}
+LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+TAILS = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -99,16 +100,18 @@ def _sample(model: Model, found: refine.Refined, true: Params) -> Sample:
 
 
 def fitted(found: list[Sample]) -> Calibration:
-    """The factor and floor with which intervals of all levels hold most nearly as often as they say, and the logistic
-    curve of most likelihood."""
+    """The factor, floor and tail with which intervals of all levels hold most nearly as often as they say, and the
+    logistic curve of most likelihood."""
     pairs = np.array([p for s in found for p in s.scalars])
+    reaches = {tail: [quantile(level, tail) for level in LEVELS] for tail in TAILS}
 
-    def off(floor: float, spread: float) -> float:
-        wide = np.hypot(floor, spread * pairs[:, 1])
-        return sum(abs((pairs[:, 0] <= z * wide).mean() - level) for level, z in Z.items())
+    def off(floor: float, spread: float, tail: float) -> float:
+        wide = pairs[:, 0] / np.hypot(floor, spread * pairs[:, 1] + 1e-12)
+        return sum(abs((wide <= z).mean() - level) for level, z in zip(LEVELS, reaches[tail], strict=True))
 
     floors, spreads = (0.0, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03), np.geomspace(0.5, 200, 60)
-    floor, spread = min(((f, float(b)) for f in floors for b in spreads), key=lambda v: off(*v))
+    tried = ((f, float(b), t) for f in floors for b in spreads for t in TAILS)
+    floor, spread, tail = min(tried, key=lambda v: off(*v))
     # A right and a wrong answer at a hundredth of the unexplained are thrown in: choices that were all right would
     # have the curve say 100 % however small the gap.
     choices = [c for s in found for c in s.choices] + [(True, 0.01), (False, 0.01)]
@@ -121,14 +124,14 @@ def fitted(found: list[Sample]) -> Calibration:
         return float((np.logaddexp(0, score) - right * score).sum() + 0.05 * (x[0] - 1) ** 2)
 
     slope, offset = minimize(loss, np.array([1.0, 3.0]), bounds=[(0.05, 5), (-5, 20)]).x
-    return Calibration(spread, floor, float(slope), float(offset))
+    return Calibration(spread, floor, float(slope), float(offset), tail)
 
 
 def coverage(found: list[Sample], use: Calibration) -> dict[float, float]:
     """Stated level -> share of the intervals that hold the truth."""
     pairs = np.array([p for s in found for p in s.scalars])
     wide = np.hypot(use.floor, use.spread * pairs[:, 1])
-    return {level: float((pairs[:, 0] <= z * wide).mean()) for level, z in Z.items()}
+    return {level: float((pairs[:, 0] <= quantile(level, use.tail) * wide).mean()) for level in LEVELS}
 
 
 def reliability(found: list[Sample], use: Calibration, bins: int = 5) -> list[tuple[float, float, int]]:
@@ -142,24 +145,34 @@ def reliability(found: list[Sample], use: Calibration, bins: int = 5) -> list[tu
 
 
 def run(options: CalibrationOptions, picture: Path, write: Path | None = FILE) -> list[Row]:
-    """Measure, write the constants (unless `write` is None) and the plot; rows of the second half."""
+    """Measure, write the constants (unless `write` is None) and the plot; rows of shapes that did not set them."""
     found = samples(options)
-    use = fitted(found[::2])
-    rest = found[1::2]
-    covered, curve = coverage(rest, use), reliability(rest, use)
+    halves = found[::2], found[1::2]
+    covered, curve = checked(halves)
     if write is not None:
-        values = {**asdict(use), "classes": list(options.classes), "shapes": len(found[::2])}
+        values = {**asdict(fitted(found)), "classes": list(options.classes), "shapes": len(found)}
         write.write_text(json.dumps(values, indent=1) + "\n")
     cv2.imwrite(str(picture), plot(covered, curve))
     worst = max(abs(level - share) for level, share in covered.items())
     stated = sum(c * n for c, _, n in curve) / sum(n for *_, n in curve)
     right = sum(r * n for _, r, n in curve) / sum(n for *_, n in curve)
     return [
-        Row(f"{len(rest)} shapes: intervals stated with 90 % that hold the truth, share", covered[0.9]),
+        Row(f"{len(found)} shapes: intervals stated with 90 % that hold the truth, share", covered[0.9]),
         Row("largest error of stated coverage, 50 to 95 %", worst, "<= 0.05"),
         Row("choices: mean stated chance less share right", abs(stated - right), "<= 0.05"),
         Row("choices: share right", right),
     ]
+
+
+def checked(halves: tuple[list[Sample], list[Sample]]) -> tuple[dict[float, float], list[tuple[float, float, int]]]:
+    """Coverage and reliability of both halves, each with the numbers that the other half sets."""
+    covered = {level: 0.0 for level in LEVELS}
+    curve = []
+    for rest, use in ((halves[0], fitted(halves[1])), (halves[1], fitted(halves[0]))):
+        for level, share in coverage(rest, use).items():
+            covered[level] += share * len(rest) / sum(map(len, halves))
+        curve += reliability(rest, use)
+    return covered, sorted(curve)
 
 
 def plot(covered: dict[float, float], curve: list[tuple[float, float, int]], side: int = 460) -> np.ndarray:
