@@ -191,7 +191,7 @@ def plot(covered: dict[float, float], curve: list[tuple[float, float, int]], sid
         for tick in (0.4, 0.6, 0.8, 1.0):
             _write(panel, f"{tick:.1f}", (at(tick, 0.4)[0] - 10, side - 36))
             _write(panel, f"{tick:.1f}", (20, at(0.4, tick)[1] + 5))
-        places = [at(x, max(y, 0.4)) for x, y in points]
+        places = [at(max(x, 0.4), max(y, 0.4)) for x, y in points]
         cv2.polylines(panel, [np.array(places, np.int32)], False, (200, 110, 20), 2, cv2.LINE_AA)
         for place in places:
             cv2.circle(panel, place, 4, (200, 110, 20), -1, cv2.LINE_AA)
