@@ -17,7 +17,7 @@ import numpy as np
 
 from recon.intrinsics import held
 from recon.matching_plan import camera_groups, image_pairs
-from recon.scene import Frames
+from recon.scene import Frames, camera_centres
 
 if TYPE_CHECKING:
     from recon.poses import PosesOptions
@@ -74,7 +74,7 @@ class Attempt:
 
     def centres(self) -> np.ndarray:
         """(v, 3) float, where the photos were taken from."""
-        return -np.einsum("vji,vj->vi", self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3])
+        return camera_centres(self.cam_from_world)
 
     @property
     def registered(self) -> np.ndarray:

@@ -65,6 +65,7 @@ class DistanceSearch(SilhouetteSearch):
         drawn = object_crops(poses.cameras, silhouettes, canonical, refine.size, refine.max_views)
         super().__init__(model, drawn, refine)
         self.costs, self.box = options, canonical.world_from_canonical
+        self.box_from_world = np.linalg.inv(self.box)
         carved = object_crops(poses.cameras, silhouettes, canonical, options.carved)
         self.ground = -0.5
         if silhouettes.floor is not None:
@@ -89,7 +90,7 @@ class DistanceSearch(SilhouetteSearch):
 
     def placed(self, state: State) -> bool:
         """Whether a state has the object's length and middle, and stands where it stands."""
-        box_from_shape = np.linalg.inv(self.box) @ state.canonical
+        box_from_shape = self.box_from_world @ state.canonical
         scale = float(np.linalg.norm(box_from_shape[:3, 0]))
         foot = box_from_shape[2, 3] + scale * float(self.built(state).bounds()[0, 2])
         off = np.array([*(box_from_shape[:2, 3] - self.middle), np.log(scale / self.longest), foot - self.ground])
@@ -97,7 +98,7 @@ class DistanceSearch(SilhouetteSearch):
 
     def stood(self, state: State) -> State:
         """The state upright on the floor in the object's place, as long as the object, facing where it faces."""
-        box_from_shape = np.linalg.inv(self.box) @ state.canonical
+        box_from_shape = self.box_from_world @ state.canonical
         yaw = np.arctan2(box_from_shape[1, 0], box_from_shape[0, 0])
         c, s = np.cos(yaw), np.sin(yaw)
         out = np.eye(4)
@@ -131,7 +132,7 @@ class DistanceSearch(SilhouetteSearch):
         if places.count != len(body.corners):  # a part of no height came or went
             places = body.places(self.costs.places)
         own, growth = body.at(places)
-        box_from_shape = np.linalg.inv(self.box) @ state.canonical
+        box_from_shape = self.box_from_world @ state.canonical
         own = own @ box_from_shape[:3, :3].T + box_from_shape[:3, 3]
         out = self.hull.sticking_out(own) * np.sqrt(growth / growth.sum())
         empty = self.hull.left_empty(self.images(state, silhouettes_of))

@@ -101,8 +101,7 @@ class Cameras:
 
     def centres(self) -> np.ndarray:
         """(V, 3) camera centres in the world frame."""
-        rotation, translation = self.cam_from_world[:, :3, :3], self.cam_from_world[:, :3, 3]
-        return -np.einsum("vji,vj->vi", rotation, translation)
+        return camera_centres(self.cam_from_world)
 
     def subset(self, keep: list[int] | np.ndarray) -> Cameras:
         """The cameras at these indices, in that order."""
@@ -205,6 +204,11 @@ class Canonical:
     def scale(self) -> float:
         """SfM units per canonical unit (the object's longest side in SfM units)."""
         return float(np.linalg.norm(self.world_from_canonical[:3, 0]))
+
+
+def camera_centres(cam_from_world: np.ndarray) -> np.ndarray:
+    """(V, 3) centres of rigid cam_from_world (V, 4, 4)."""
+    return -np.einsum("vji,vj->vi", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
 
 
 def cam_from_canonical(cameras: Cameras, canonical: Canonical) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Up, yaw, front and size of ten photo sets that make it hard, each in its own way: see KINDS.
+"""Up, yaw, front and size of eleven photo sets that make it hard, each in its own way: see KINDS.
 
     python -m recon.evaluate alignment
 
