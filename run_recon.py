@@ -65,13 +65,14 @@ def main(argv: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
     for noisy in ("PIL", "trimesh", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
+    from recon.names import shown
     from recon.scene import ReconError
 
     out = args.out or Path("out") / (args.photos.stem if args.photos.is_file() else args.photos.resolve().name)
     try:
         report = _reconstructed(args, out)
     except ReconError as error:
-        sys.stderr.write(f"error: {error}\n")
+        sys.stderr.write(f"error: {shown(str(error))}\n")
         return error.exit_code
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; run the same command again to go on from the last finished stage\n")
@@ -141,6 +142,7 @@ def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
 
 def summary(report: Path) -> str:
     """The few lines that end a run."""
+    from recon.names import shown
     from recon.result import tried
 
     r = json.loads(report.read_text())
@@ -151,7 +153,7 @@ def summary(report: Path) -> str:
         f"{r['class']}: {values}",
         f"{_agreement(r)}, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",
         *(f"warning: {w}" for w in r["warnings"]),
-        f"results: {report.parent} (start with report.html)",
+        f"results: {shown(str(report.parent))} (start with report.html)",
     ]
     return "\n".join(lines) + "\n"
 

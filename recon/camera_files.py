@@ -7,7 +7,6 @@ transforms.json: world_from_camera with OpenGL axes (x right, y up, z backward).
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -17,17 +16,20 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from recon.names import plain, unique
 from recon.scene import Cameras, Poses
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+_ENDING = ".png"  # stands for that of the images and masks, so that numbers come before it
 _GREY = 128  # colour of points that no photo shows
 
 
 def stems(names: tuple[str, ...]) -> list[str]:
-    """File names without suffix for photos: the photo's own stem, or its whole name where two stems are equal."""
-    plain = [re.sub(r"[^\w.\-]+", "_", Path(name).stem) for name in names]
-    counts = Counter(plain)
-    return [p if counts[p] == 1 else re.sub(r"[^\w.\-]+", "_", n) for p, n in zip(plain, names, strict=True)]
+    """Different file names without suffix for photos: a photo's own stem, or its whole name where two are equal."""
+    own = [plain(Path(name).stem) for name in names]
+    counts = Counter(own)
+    wanted = [o if counts[o] == 1 else plain(n) for o, n in zip(own, names, strict=True)]
+    return [name.removesuffix(_ENDING) for name in unique(w + _ENDING for w in wanted)]
 
 
 def write(folder: Path, poses: Poses) -> None:
@@ -40,7 +42,7 @@ def write(folder: Path, poses: Poses) -> None:
     _write_colmap(folder, poses, names)
     masks = [f"../masks/{stem}.png" for stem in stems(poses.cameras.names)]
     content = transforms(poses.cameras, [f"images/{name}" for name in names], masks)
-    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n")
+    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def transforms(cameras: Cameras, file_paths: list[str], mask_paths: list[str]) -> dict[str, Any]:
@@ -79,14 +81,14 @@ def _write_colmap(folder: Path, poses: Poses, names: list[str]) -> None:
         x, y, z, w = Rotation.from_matrix(cameras.cam_from_world[i, :3, :3]).as_quat()
         pose = _numbers([w, x, y, z, *cameras.cam_from_world[i, :3, 3]])
         images += [f"{i + 1} {pose} {number} {name}", ""]
-    (folder / "images.txt").write_text("\n".join(images) + "\n")
+    (folder / "images.txt").write_text("\n".join(images) + "\n", encoding="utf-8")
     lines = ["# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY: undistorted, pixel centres at +0.5"]
     lines += [f"{number} {camera}" for camera, number in numbers.items()]
-    (folder / "cameras.txt").write_text("\n".join(lines) + "\n")
+    (folder / "cameras.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK[]: world frame, SfM units; tracks are left out"]
     for i, (point, colour) in enumerate(zip(poses.points, _point_colours(poses), strict=True)):
         lines.append(f"{i + 1} {_numbers(point)} {colour[0]} {colour[1]} {colour[2]} 0")
-    (folder / "points3D.txt").write_text("\n".join(lines) + "\n")
+    (folder / "points3D.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _point_colours(poses: Poses) -> np.ndarray:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 from PIL import ExifTags, Image
 
 from recon.camera_records import CameraRecords
+from recon.manifest import is_own_picture
+from recon.names import unique
 from recon.photo import ENDINGS, FORMATS
 
 # Clockwise quarter turns that bring an image as stored upright, by EXIF orientation (mirrored ones are not cameras').
@@ -26,6 +29,7 @@ class Library:
         self.roots = list(dict.fromkeys(r for a in around for r in (a, a / "images") if r.is_dir()))
         own = photos if photos.is_dir() else base
         files = [p for r in (own, own / "images") if r.is_dir() for p in sorted(r.iterdir()) if p.is_file()]
+        files = [p for p in files if not is_own_picture(p)]
         self.by_name = {p.name.lower(): p for p in reversed(files)}
         self.by_stem = {p.stem.lower(): p for p in reversed(files) if p.suffix.lower() in ENDINGS}
 
@@ -89,20 +93,26 @@ def _same_shape(a: np.ndarray, b: tuple[int, int]) -> bool:
     return min(*a, *b) > 0 and bool(abs(a[0] * b[1] / (a[1] * b[0]) - 1) <= 0.01 + 1 / min(*a, *b))
 
 
-def flat_names(names: list[str], paths: list[Path | None]) -> tuple[str, ...]:
-    """Unique file names: the photo's own, or its whole path joined where two are equal."""
-    own = [str(p.name) for p in paths if p is not None]
-    if len(set(own)) == len(own):
-        return tuple(own)
-    ending = [p.suffix for p in paths if p is not None]
-    return tuple(
-        "_".join(p for p in Path(n).with_suffix("").parts if p not in (".", "..", "/")) + e
-        for n, e in zip(names, ending, strict=True)
-    )
+def flat_names(names: list[str], paths: list[Path | None], taken: list[str] | None = None) -> tuple[str, ...]:
+    """A file name for each photo that was found, all different and none of `taken`.
+
+    It is the photo's own, or its folders joined to it where two are equal, and numbered where that is another's.
+    """
+    found = [(n, p.name) for n, p in zip(names, paths, strict=True) if p is not None]
+    counts = Counter(own.casefold() for own in (*(own for _, own in found), *(taken or ())))
+    return unique((own if counts[own.casefold()] == 1 else _joined(n, own) for n, own in found), taken or ())
+
+
+def _joined(name: str, own: str) -> str:
+    """The folders of a path and a file's own name, as one name."""
+    return "_".join([*(p for p in Path(name).parts[:-1] if p not in (".", "..", "/")), own])
 
 
 def link(paths: list[Path | None], names: tuple[str, ...], folder: Path) -> None:
-    """Symbolic links where the file system has them, copies elsewhere."""
+    """Symbolic links in `folder` (made anew) where the file system has them, copies elsewhere.
+
+    A name that is there already is an error (FileExistsError): writing to it would go through its link.
+    """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for path, name in zip(paths, names, strict=True):
@@ -110,5 +120,8 @@ def link(paths: list[Path | None], names: tuple[str, ...], folder: Path) -> None
             continue
         try:
             os.symlink(path.resolve(), folder / name)
+        except FileExistsError:
+            raise
         except OSError:
-            shutil.copyfile(path, folder / name)
+            with path.open("rb") as source, (folder / name).open("xb") as copy:
+                shutil.copyfileobj(source, copy)

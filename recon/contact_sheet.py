@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from procmodels.shape import Shape
+from recon.names import shown
 from recon.raster import silhouettes
 from recon.result import Result
 from recon.scene import InputError, cam_from_canonical
@@ -45,15 +46,14 @@ def tiles(result: Result, shape: Shape, width: int) -> list[Tile]:
         if name not in placed:
             image = _read(path)
             small = _resized(image, width, round(width * image.shape[0] / image.shape[1]))
-            out.append(Tile(name, cv2.cvtColor(_muted(small), cv2.COLOR_GRAY2RGB), None, False, "not placed"))
+            out.append(Tile(shown(name), cv2.cvtColor(_muted(small), cv2.COLOR_GRAY2RGB), None, False, "not placed"))
             continue
         i = placed[name]
         image, mask = _read(result.poses.paths[i]), result.silhouettes.masks[i]
         used = bool(result.silhouettes.used[i])
-        note = "" if used else reasons.get(name, "not used")
-        out.append(
-            Tile(name, _overlay(image, mask, shape, cameras.K[i], poses[i], width), result.view_iou[i], used, note)
-        )
+        note = "" if used else shown(reasons.get(name, "not used"))
+        picture = _overlay(image, mask, shape, cameras.K[i], poses[i], width)
+        out.append(Tile(shown(name), picture, result.view_iou[i], used, note))
     return out
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recon.manifest import is_own_picture
 from recon.photo import Photo, UnreadablePhoto, read_photo
 from recon.scene import Frames, InputError
 
@@ -92,7 +93,7 @@ def _files(source: Path) -> list[Path]:
     if not source.exists():
         raise InputError(f"the folder {source} does not exist; give the folder that holds the photos")
     try:
-        entries = [p for p in source.iterdir() if not p.name.startswith(".")]
+        entries = [p for p in source.iterdir() if not (p.name.startswith(".") or is_own_picture(p))]
     except OSError as error:
         raise InputError(f"the folder {source} cannot be read: {error.strerror or error}") from error
     files = sorted((p for p in entries if p.is_file()), key=_natural)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from procmodels import Model
-from recon import intrinsics, judge, one_mask, outputs, wanted
+from recon import intrinsics, judge, one_mask, out_folder, outputs, wanted
 from recon.camera_search import FoundView, find, first_look
 from recon.inputs import Kind
 from recon.judge import Verdict
@@ -67,20 +67,29 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
         return from_masks.run(path, out, options)
     wanted.check(options.height, out)
     models = wanted.models(options.class_name)
-    with tempfile.TemporaryDirectory(prefix="one-image-") as folder:
-        seconds = {}
-        started = time.monotonic()
-        log.info("[1/3] mask")
-        masked = one_mask.run(path, Path(folder), options.mask, options.box, options.seed)
-        view = _view(path, masked, options)
-        seconds["mask"] = round(time.monotonic() - started, 2)
-        started = time.monotonic()
-        log.info("[2/3] camera and shape")
-        searched = search(models, view, options)
-        seconds["search"] = round(time.monotonic() - started, 2)
-        log.info("[3/3] outputs")
-        result = _result(masked, view, searched, seconds, options)
-        return outputs.run(result, out, options.outputs, searched.model)
+    reads = {"INPUT": path, "--mask": options.mask, "--pix3d": options.pix3d}
+    with (
+        out_folder.claimed(out, reads) as work,
+        tempfile.TemporaryDirectory(prefix=out_folder.SCRATCH, dir=work) as folder,
+    ):
+        return _run(path, out, Path(folder), models, options)
+
+
+def _run(path: Path, out: Path, scratch: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
+    """The stages, one after the other."""
+    seconds = {}
+    started = time.monotonic()
+    log.info("[1/3] mask")
+    masked = one_mask.run(path, scratch, options.mask, options.box, options.seed)
+    view = _view(path, masked, options)
+    seconds["mask"] = round(time.monotonic() - started, 2)
+    started = time.monotonic()
+    log.info("[2/3] camera and shape")
+    searched = search(models, view, options)
+    seconds["search"] = round(time.monotonic() - started, 2)
+    log.info("[3/3] outputs")
+    result = _result(masked, view, searched, seconds, options)
+    return outputs.run(result, out, options.outputs, searched.model)
 
 
 def fits(path: Path, kind: str, *of_one_image: object) -> bool:

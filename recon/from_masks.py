@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from procmodels import Model
 from procmodels.space import Params
-from recon import frames, from_image, intrinsics, judge, one_mask, outputs, wanted
+from recon import frames, from_image, intrinsics, judge, one_mask, out_folder, outputs, wanted
 from recon.frames import FramesOptions
 from recon.from_image import ImageOptions
 from recon.mask_windows import guessed_K
@@ -40,26 +40,34 @@ def run(folder: Path, out: Path, options: ImageOptions = ImageOptions()) -> Outp
     """Reconstruct the object in a folder of 2 to 8 masks (white = object) into the folder `out`. Raises InputError."""
     wanted.check(options.height, out)
     models = wanted.models(options.class_name)
-    with tempfile.TemporaryDirectory(prefix="masks-") as work:
-        started = time.monotonic()
-        shot = frames.run(folder, Path(work), FramesOptions(allow_single=True))
-        if not FEWEST <= len(shot.names) <= MOST:
-            raise InputError(
-                f"{folder} holds {len(shot.names)} masks; {FEWEST} to {MOST} are taken without photos or cameras "
-                "(one mask: give the file; more: photos with --masks)"
-            )
-        views, warnings = _views(folder, shot, options)
-        seconds = {"masks": round(time.monotonic() - started, 2)}
-        started = time.monotonic()
-        searched = from_image.search(models, views[0], options)
-        joint = Joint(searched.model, views, searched.found.refined.params, options.search)
-        for _ in range(ROUNDS):
-            joint.improve_shape()
-            joint.improve_cameras()
-        seconds["search"] = round(time.monotonic() - started, 2)
-        result = _result(joint, shot, warnings, seconds, options)
-        result = replace(result, classes=searched.classes)
-        return outputs.run(result, out, options.outputs, searched.model)
+    with (
+        out_folder.claimed(out, {"INPUT": folder}) as work,
+        tempfile.TemporaryDirectory(prefix=out_folder.SCRATCH, dir=work) as scratch,
+    ):
+        return _run(folder, out, Path(scratch), models, options)
+
+
+def _run(folder: Path, out: Path, scratch: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
+    """The stages, one after the other."""
+    started = time.monotonic()
+    shot = frames.run(folder, scratch, FramesOptions(allow_single=True))
+    if not FEWEST <= len(shot.names) <= MOST:
+        raise InputError(
+            f"{folder} holds {len(shot.names)} masks; {FEWEST} to {MOST} are taken without photos or cameras "
+            "(one mask: give the file; more: photos with --masks)"
+        )
+    views, warnings = _views(folder, shot, options)
+    seconds = {"masks": round(time.monotonic() - started, 2)}
+    started = time.monotonic()
+    searched = from_image.search(models, views[0], options)
+    joint = Joint(searched.model, views, searched.found.refined.params, options.search)
+    for _ in range(ROUNDS):
+        joint.improve_shape()
+        joint.improve_cameras()
+    seconds["search"] = round(time.monotonic() - started, 2)
+    result = _result(joint, shot, warnings, seconds, options)
+    result = replace(result, classes=searched.classes)
+    return outputs.run(result, out, options.outputs, searched.model)
 
 
 class Joint:

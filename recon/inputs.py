@@ -13,9 +13,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from recon.manifest import is_own_picture
 from recon.ply import ply_header
 from recon.scene import InputError
 from recon.shape_files import npy_header, zip_arrays
+from recon.whole_files import read_picture
 
 log = logging.getLogger("recon")
 
@@ -80,7 +82,9 @@ def _folder(path: Path) -> Recognised:
     for folder in COLMAP_FOLDERS:
         if any((path / folder / f"cameras{e}").is_file() and (path / folder / f"images{e}").is_file() for e in _COLMAP):
             return Recognised(Kind.CAMERAS, "a photo set with known cameras (a COLMAP model)")
-    pictures = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file())
+    pictures = sorted(
+        p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file() and not is_own_picture(p)
+    )
     if pictures and all(_two_valued(p) for p in pictures[:12]):
         return Recognised(Kind.MASKS, f"a folder of {len(pictures)} masks")
     return Recognised(Kind.PHOTOS, f"a folder of {len(pictures)} photos")
@@ -93,7 +97,7 @@ def _two_valued(path: Path) -> bool:
     """Whether a picture is black and white without colours and greys: a mask."""
     if path.suffix.lower() not in (".png", ".bmp", ".tif", ".tiff"):
         return False
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image = read_picture(path, cv2.IMREAD_UNCHANGED)
     if image is None or (image.ndim == 3 and image.shape[2] != 3):
         return False  # an alpha channel makes a photo with its own mask
     grey = image if image.ndim == 2 else image[..., 0]

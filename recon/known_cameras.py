@@ -16,6 +16,7 @@ from recon.camera_records import CameraRecords
 from recon.scene import Cameras, Frames, InputError, Poses
 from recon.triangulated import triangulate
 from recon.undistort import undistorted
+from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.cameras")
 
@@ -103,8 +104,8 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
     if len(have) > MOST:
         warnings.append(f"{MOST} of the {len(have)} photos with cameras are used, evenly spread")
         have = [have[i] for i in np.linspace(0, len(have) - 1, MOST).astype(int)]
-    names = flat_names([records.names[i] for i in have], [paths[i] for i in have])
-    others = tuple(name for name in left if name not in names)
+    names = flat_names([records.names[i] for i in have], [paths[i] for i in have], left)
+    others = tuple(left)
     if others and (len(others) > len(have) or (records.masks and all(records.subset(have).masks))):
         # So many, or photos of a set that is masked throughout, are rather something else: depths, other sizes.
         warnings.append(
@@ -132,7 +133,7 @@ def _link_masks(source: Path, records: CameraRecords, names: tuple[str, ...], fo
             )
     link(
         list(records.masks),
-        tuple(f"{n}{m.suffix if m else ''}" for n, m in zip(names, records.masks, strict=True)),
+        tuple(f"{n}{(m and m.suffix) or '.png'}" for n, m in zip(names, records.masks, strict=True)),
         folder,
     )
 
@@ -173,7 +174,7 @@ def _undistorted(path: Path, K: np.ndarray, k1: float, out: Path) -> Path:
     photo = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if photo is None:
         raise InputError(f"the working copy {path} is gone; run again with --force")
-    cv2.imwrite(str(out / path.name), undistorted(photo, K, k1), [cv2.IMWRITE_JPEG_QUALITY, 95])
+    write_picture(out / path.name, undistorted(photo, K, k1), cv2.IMWRITE_JPEG_QUALITY, 95)
     return out / path.name
 
 

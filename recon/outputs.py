@@ -8,12 +8,8 @@ in that frame. params.json holds the transforms between the three.
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,11 +21,12 @@ from procmodels import Model
 from procmodels.export import Asset, export_glb, export_obj, save_blend
 from procmodels.shape import Shape
 from procmodels.space import Choice, Integer, Scalar
-from recon import camera_files, contact_sheet, report, shape_pictures
+from recon import camera_files, contact_sheet, publish, report, shape_pictures
 from recon.confidence import LEVEL
+from recon.names import all_shown
 from recon.result import Result, seen
-from recon.scene import InputError
 from recon.shade import render_previews
+from recon.whole_files import write_picture
 
 
 @dataclass(frozen=True)
@@ -59,15 +56,15 @@ class OutputPaths:
 
 
 def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> OutputPaths:
-    """Write all results into the folder `out`, replacing those of an earlier run and nothing else.
+    """Write all results into the folder `out`, replacing those of an earlier run and nothing else (recon.publish).
 
-    Everything is first written to a hidden folder inside `out` and then moved, so that a failure leaves the earlier
-    results as they were. Raises InputError when the folder cannot be written.
+    A failure leaves the earlier results as they were. Raises InputError when the folder cannot be written,
+    ReconstructionError when the disk is full.
     """
     started = time.monotonic()
     asset = asset_of(result, model)
     size = (options.render_size, options.render_size)
-    with _replacing(out) as fresh, ThreadPoolExecutor(1) as pool:
+    with publish.replacing(out) as fresh, ThreadPoolExecutor(1) as pool:
         drawn = pool.submit(render_previews, asset.shape, options.renders, size)  # while Blender writes the meshes
         _write_meshes(fresh, asset, options)
         _write_json(fresh / "params.json", params_content(result, asset))
@@ -81,11 +78,12 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
             tiles += shape_pictures.tiles(result.shape, asset.shape, options.renders, options.thumbnail)
         text = report.words(result, asset)
         sheet = contact_sheet.draw(tiles, renders, text.title, text.sentence)
-        cv2.imwrite(str(fresh / "contact_sheet.png"), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
+        write_picture(fresh / "contact_sheet.png", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
         facts = report_content(result, time.monotonic() - started)
         files = ["report.json", *(p.name + "/" * p.is_dir() for p in fresh.iterdir())]
         html = report.page(facts, text, asset, tiles, renders, files)
         (fresh / "report.html").write_text(html, encoding="utf-8")
+        # Last: a results folder without a manifest is told by this file's time (recon.manifest).
         _write_json(fresh / "report.json", facts)
     return _paths(out, options)
 
@@ -102,7 +100,7 @@ def _certainty(result: Result) -> dict[str, Any]:
 
 
 def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
-    """What report.json holds; mean_iou is over the used views, None without views."""
+    """What report.json holds, names as they can be shown; mean_iou is over the used views, None without views."""
     used = result.silhouettes.used
     reasons = dict(result.silhouettes.reasons)
     views = [
@@ -113,7 +111,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         )
     ]
     seconds = {**result.seconds, "outputs": round(outputs_seconds, 2)}
-    return {
+    content = {
         "class": result.class_name,
         "classes": [{"class": name, "iou": round(score, 4)} for name, score in result.classes],
         "params": _plain(result.params),
@@ -136,6 +134,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         "seed": result.seed,
         "versions": result.versions,
     }
+    return all_shown(content)
 
 
 def _about_shape(result: Result) -> dict[str, Any]:
@@ -200,7 +199,7 @@ def _write_masks(folder: Path, result: Result) -> None:
     """White = object; sizes and names as the images beside the cameras."""
     folder.mkdir()
     for stem, mask in zip(camera_files.stems(result.silhouettes.names), result.silhouettes.masks, strict=True):
-        cv2.imwrite(str(folder / f"{stem}.png"), np.where(mask, 255, 0).astype(np.uint8))
+        write_picture(folder / f"{stem}.png", np.where(mask, 255, 0).astype(np.uint8))
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
@@ -225,35 +224,3 @@ def _paths(out: Path, options: OutputsOptions) -> OutputPaths:
         cameras=out / "cameras",
         masks=out / "masks",
     )
-
-
-# What a run may leave; an entry that a later run does not write again would be taken for its result.
-_ENTRIES = ("model.blend", "cameras", "masks")
-
-
-@contextmanager
-def _replacing(out: Path) -> Iterator[Path]:
-    """A fresh folder whose content moves into `out` when the block succeeds; it vanishes in any case.
-
-    It lies inside `out`, so that moving is renaming on one file system even when `out` is a mounted volume.
-    """
-    fresh = None
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(prefix=".writing-", dir=out))
-        yield fresh
-        replaced = Path(tempfile.mkdtemp(dir=fresh))
-        stale = [out / name for name in _ENTRIES if not (fresh / name).exists()]
-        for path in [p for p in stale if p.exists()]:
-            path.rename(replaced / path.name)
-        for path in sorted(p for p in fresh.iterdir() if p != replaced):
-            if (out / path.name).is_dir():  # a folder cannot be replaced in one step
-                (out / path.name).rename(replaced / path.name)
-            path.replace(out / path.name)
-    except OSError as error:
-        raise InputError(
-            f"the results cannot be written to {out} ({error}); choose another folder with --out"
-        ) from error
-    finally:
-        if fresh is not None:
-            shutil.rmtree(fresh, ignore_errors=True)

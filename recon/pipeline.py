@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-import shutil
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,6 +22,7 @@ from recon import (
     hull,
     judge,
     known_cameras,
+    out_folder,
     outputs,
     poses,
     refine,
@@ -39,7 +38,6 @@ from recon.store import Store, code_version, dataclasses_of, digest, folder_dige
 from recon.versions import versions
 
 log = logging.getLogger("recon")
-WORK = ".recon"  # below the output folder: results of the stages
 STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", "outputs")
 T = TypeVar("T")
 
@@ -78,26 +76,12 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     """
     models = _checked(photos, options)
     wanted.check(options.height, out)
-    with _nothing_half_written(out):
-        return _run(photos, out, models, _seeded(options))
+    with out_folder.claimed(out, {"INPUT": photos, "--masks": options.masks, "--cameras": options.cameras}) as work:
+        return _run(photos, out, work, models, _seeded(options))
 
 
-@contextmanager
-def _nothing_half_written(out: Path) -> Iterator[None]:
-    """Makes the folder `out`, and removes it again when it was not there before and no stage was finished."""
-    new = not out.exists()
-    out.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    except scene.ReconError:
-        if new and not any((out / WORK / f"{name}.json").exists() for name in STAGES):
-            shutil.rmtree(out, ignore_errors=True)
-        raise
-
-
-def _run(photos: Path, out: Path, models: list[Model], options: ReconOptions) -> OutputPaths:
+def _run(photos: Path, out: Path, work: Path, models: list[Model], options: ReconOptions) -> OutputPaths:
     """The stages, one after the other."""
-    work = out / WORK
     source = gather.run(photos, work, options.cameras, options.video, options.force, options.look_for_cameras)
     if source.cameras:  # two pictures may look alike and yet be taken from two places
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))

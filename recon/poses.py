@@ -23,6 +23,7 @@ from recon.attempts import LADDER, Attempt, climb
 from recon.intrinsics import held
 from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError
 from recon.undistort import undistorted
+from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.poses")
 
@@ -97,7 +98,7 @@ def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...])
             raise InputError(f"the working copy {frames.paths[i]} is gone; run again with --force")
         path = out / frames.paths[i].name
         quality = [cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-        cv2.imwrite(str(path), undistorted(photo, k, float(distortion)), quality)
+        write_picture(path, undistorted(photo, k, float(distortion)), *quality)
         paths.append(path)
     cameras = Cameras(
         tuple(frames.names[i] for i in found.view), found.K, found.cam_from_world, frames.sizes[found.view]

@@ -13,6 +13,7 @@ import numpy as np
 from procmodels.export import Asset
 from procmodels.space import Choice, Flag, Integer, Parameter, Scalar
 from recon.contact_sheet import MASK_COLOUR, RESULT_COLOUR, Tile, colour_of
+from recon.names import shown
 from recon.report_style import CSS
 from recon.result import Result, counted, seen, tried
 
@@ -53,10 +54,10 @@ def words(result: Result, asset: Asset) -> Words:
     if (met := result.shape) is not None:
         apart = 100 * (met.distance / 2) ** 0.5
         text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
-        return Words(f"{_spaced(result.class_name).capitalize()} from {met.what}", text)
+        return Words(shown(f"{_spaced(result.class_name).capitalize()} from {met.what}"), shown(text))
     if result.classes:
         text += f" No class was named: {tried(result.classes)}."
-    return Words(f"{_spaced(result.class_name).capitalize()} from {counted(result)}", text.strip())
+    return Words(shown(f"{_spaced(result.class_name).capitalize()} from {counted(result)}"), shown(text.strip()))
 
 
 def verdict(iou: float) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from procmodels import Model
-from recon import outputs, scene, shape_fit, shapes, wanted
+from recon import out_folder, outputs, scene, shape_fit, shapes, wanted
 from recon.inputs import Recognised
 from recon.outputs import OutputPaths
 from recon.result import Result, ShapeEvidence
@@ -46,6 +46,12 @@ def run(path: Path, out: Path, seen: Recognised, options: ShapeRunOptions = Shap
     options = replace(
         options, shape=replace(options.shape, seed=options.seed), fit=replace(options.fit, seed=options.seed)
     )
+    with out_folder.claimed(out, {"INPUT": path}):
+        return _run(path, out, seen, models, options)
+
+
+def _run(path: Path, out: Path, seen: Recognised, models: list[Model], options: ShapeRunOptions) -> OutputPaths:
+    """The stages, one after the other."""
     started = time.monotonic()
     log.info("[1/3] shape")
     target = shapes.run(path, seen.kind, seen.what, options.shape)

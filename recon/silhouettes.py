@@ -7,7 +7,6 @@ All masks are compared with the shape that the others agree on; those that contr
 from __future__ import annotations
 
 import logging
-import os
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,8 +17,10 @@ import numpy as np
 from recon import carving, standing, usermasks
 from recon.cutout import CutoutOptions, cut_out
 from recon.floor import FloorOptions, Room, find_room
+from recon.names import unique
 from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError, Silhouettes
 from recon.undistort import undistorted_mask
+from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.silhouettes")
 
@@ -189,7 +190,5 @@ def _write(cameras: Cameras, masks: list[np.ndarray], folder: Path) -> None:
     """PHOTO.png a view, each whole or absent; masks of an earlier run are removed."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    for name, mask in zip(cameras.names, masks, strict=True):
-        partial = folder / f"{name}.tmp"
-        partial.write_bytes(cv2.imencode(".png", mask.astype(np.uint8) * 255)[1].tobytes())
-        os.replace(partial, folder / f"{name}.png")
+    for name, mask in zip(unique(f"{name}.png" for name in cameras.names), masks, strict=True):
+        write_picture(folder / name, mask.astype(np.uint8) * 255)

@@ -11,7 +11,6 @@ import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -24,6 +23,7 @@ from recon.ply import ply_header
 from recon.scene import Cameras, InputError, ReconstructionError
 from recon.shape_cleaning import CleaningOptions, cleaned
 from recon.splat_silhouettes import Splat
+from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.splat")
 
@@ -60,7 +60,7 @@ def gather(path: Path, cameras: Path, folder: Path, options: SplatViewOptions = 
     """
     records = _records(path, cameras, options)
     splat = splat_silhouettes.read(path)
-    names = tuple(f"{Path(n).stem}.png" for n in flat_names(list(records.names), [Path(n) for n in records.names]))
+    names = flat_names(list(records.names), [Path(n).with_suffix(".png") for n in records.names])
     scale = min(1.0, options.longest_side / float(records.sizes.max()))
     views = Cameras(names, records.K, records.cam_from_world, records.sizes).scaled(scale)
     alone, points, said = the_object(splat, path, views, options)
@@ -75,7 +75,7 @@ def gather(path: Path, cameras: Path, folder: Path, options: SplatViewOptions = 
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for v in keep:
-        cv2.imwrite(str(folder / names[v]), _picture(alphas[v], options.threshold))
+        write_picture(folder / names[v], _picture(alphas[v], options.threshold))
     views, none = views.subset(keep), np.zeros(len(keep))
     drawn = CameraRecords(
         views.names,

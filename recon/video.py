@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from recon.scene import InputError
 from recon.store import digest
+from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.video")
 
@@ -118,6 +119,8 @@ def file_digest(path: Path, options: VideoOptions) -> str:
 def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
     """The decoder, which turns frames upright as the file says; its own chatter about damage is kept quiet."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    if not str(path.resolve()).isprintable():  # the decoder crashes on names that are not UTF-8
+        raise InputError(f"the name of {path} has characters that the video's decoder cannot take; rename it")
     before = cv2.getLogLevel()
     cv2.setLogLevel(0)
     capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
@@ -210,7 +213,7 @@ def _write(path: Path, chosen: np.ndarray, folder: Path, options: VideoOptions) 
                 if not ok:
                     break
                 names.append(f"frame_{at:06d}.jpg")
-                cv2.imwrite(str(folder / names[-1]), image, [cv2.IMWRITE_JPEG_QUALITY, options.quality])
+                write_picture(folder / names[-1], image, cv2.IMWRITE_JPEG_QUALITY, options.quality)
                 bar.update()
             at += 1
     return names

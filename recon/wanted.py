@@ -1,4 +1,4 @@
-"""What every command checks before minutes are spent: the class, Blender, the height, the output folder."""
+"""What every command checks before minutes are spent: the class, Blender, the height, a folder that can be written."""
 
 from __future__ import annotations
 

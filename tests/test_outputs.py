@@ -62,7 +62,9 @@ def test_everything_is_there_and_nothing_else(written):
         "contact_sheet.png",
         "cameras",
         "masks",
+        ".recon",
     }
+    assert [p.name for p in (written.folder / ".recon").iterdir()] == ["manifest.json"]
     for path in (written.glb, written.obj, written.blend, written.report_html, written.contact_sheet):
         assert path.stat().st_size > 100
 
@@ -258,8 +260,8 @@ def test_a_second_run_replaces_all_of_the_first(result, model, tmp_path):
     paths = outputs.run(replace(result, height_m=None), out, SMALL, model)
     assert paths.blend is None
     assert not (out / "model.blend").exists(), "it would be taken for this run's"
-    assert not (out / "masks" / "old.png").exists()
-    assert not [p for p in out.iterdir() if p.name.startswith(".")]
+    assert (out / "masks" / "old.png").exists(), "nobody here wrote it"
+    assert [p.name for p in (out / ".recon").iterdir()] == ["manifest.json"], "nothing half-written"
     assert json.loads(paths.params_json.read_text())["metres_per_canonical_unit"] is None
 
 

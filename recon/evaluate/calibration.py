@@ -26,6 +26,7 @@ from recon.evaluate.robust import grown
 from recon.evaluate.rows import Row
 from recon.evaluate.scenes import drawn_scene, orbit
 from recon.scene import ReconError, Silhouettes
+from recon.whole_files import write_picture
 
 LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 TAILS = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
@@ -152,7 +153,7 @@ def run(options: CalibrationOptions, picture: Path, write: Path | None = FILE) -
     if write is not None:
         values = {**asdict(fitted(found)), "classes": list(options.classes), "shapes": len(found)}
         write.write_text(json.dumps(values, indent=1) + "\n")
-    cv2.imwrite(str(picture), plot(covered, curve))
+    write_picture(picture, plot(covered, curve))
     worst = max(abs(level - share) for level, share in covered.items())
     stated = sum(c * n for c, _, n in curve) / sum(n for *_, n in curve)
     right = sum(r * n for _, r, n in curve) / sum(n for *_, n in curve)

@@ -32,6 +32,7 @@ from recon.raster import iou, silhouettes
 from recon.scene import Cameras, ReconError, cam_from_canonical
 from recon.view_bank import load_bank
 from recon.view_search import CameraSearchOptions, OneView
+from recon.whole_files import write_picture
 
 SIDE = 1000  # px, longest side that masks are reduced to
 AIMS = {"iou": ">= 0.8", "d_chamfer": "<= 0.015"}
@@ -74,7 +75,7 @@ def run(
         rows.append(Measured(file.stem, round(iou(mask, drawn), 4), distance, turn, *place, round(seconds, 1), values))
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(out / file.name), overlay(mask, drawn))
+            write_picture(out / file.name, overlay(mask, drawn))
             write_csv(rows, out / "objects.csv")
     return rows
 

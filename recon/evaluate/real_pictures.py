@@ -13,6 +13,7 @@ from procmodels import Model
 from procmodels.shape import Part, Shape
 from procmodels.space import Params
 from recon.shade import ShadeOptions, render_previews
+from recon.whole_files import write_picture
 
 if TYPE_CHECKING:
     from recon.evaluate.table2 import Table2Row
@@ -47,7 +48,7 @@ def object_picture(model: Model, mesh: trimesh.Trimesh, rows: list[Table2Row], b
             words = f"{row.d_chamfer:.4f}" + (f", front {90 * row.turn} off" if row.turn else "")
             tiles.append(_tile(shaded(model.build(row.params)), row.input, words))
     file.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(file), np.hstack(tiles))
+    write_picture(file, np.hstack(tiles))
 
 
 def _tile(picture: np.ndarray, first: str, second: str) -> np.ndarray:
@@ -64,5 +65,5 @@ def worst_sheet(pictures: list[Path], file: Path) -> Path | None:
         return None
     width = max(p.shape[1] for p in lines)
     padded = [cv2.copyMakeBorder(p, 0, 6, 0, width - p.shape[1], cv2.BORDER_CONSTANT, value=(255,) * 3) for p in lines]
-    cv2.imwrite(str(file), np.vstack(padded))
+    write_picture(file, np.vstack(padded))
     return file
