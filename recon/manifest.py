@@ -69,7 +69,7 @@ def read(out: Path) -> Manifest:
 def write(out: Path, manifest: Manifest) -> None:
     """Store the manifest. Raises OSError."""
     content = {"files": manifest.files, "coming": manifest.coming, "checksum": _checksum(manifest)}
-    write_bytes(out / WORK / NAME, (json.dumps(content, indent=1) + "\n").encode())
+    write_bytes(out / WORK / NAME, (json.dumps(content, indent=1) + "\n").encode(), durable=True)
 
 
 def _checksum(manifest: Manifest) -> str:

@@ -78,7 +78,7 @@ def check(out: Path, reads: Mapping[str, Path | None]) -> None:
     if found := [*_in_the_way(out)]:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
         raise InputError(
-            f"{found[0]}{more} would be replaced by results, and this command did not write it; {_ELSEWHERE}, or "
+            f"{found[0]}{more} would be replaced by results, and is not known as this command's own; {_ELSEWHERE}, or "
             "move it away"
         )
 

@@ -116,5 +116,5 @@ def _prune(folder: Path, out: Path) -> None:
 def _stored(path: Path) -> str:
     """The hash of a file that is safely on the disk; raises OSError when there is no room for it."""
     with path.open("rb") as file:
-        os.fsync(file.fileno())
+        os.fsync(file.fileno())  # some file systems find out only here that they are full
     return manifest.file_hash(path)

@@ -28,6 +28,7 @@ def held(folder: Path, shown_as: Path) -> Iterator[None]:
     path = folder / NAME
     descriptor = _opened(path, shown_as)
     try:
+        os.pwrite(descriptor, json.dumps(_self()).encode().ljust(os.fstat(descriptor).st_size), 0)
         yield
     finally:
         with contextlib.suppress(FileNotFoundError):
@@ -36,7 +37,7 @@ def held(folder: Path, shown_as: Path) -> Iterator[None]:
 
 
 def _opened(path: Path, shown_as: Path) -> int:
-    """The descriptor of the locked file with this process in it."""
+    """The descriptor of the locked file."""
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         try:
@@ -45,7 +46,6 @@ def _opened(path: Path, shown_as: Path) -> int:
             if not locked or _runs(holder):
                 raise InputError(_refusal(holder, shown_as))
             if _is_still(descriptor, path):
-                os.pwrite(descriptor, json.dumps(_self()).encode().ljust(os.fstat(descriptor).st_size), 0)
                 return descriptor
         except BaseException:
             os.close(descriptor)

@@ -16,14 +16,18 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 _NEARLY_FULL = 64 * 1024  # bytes: libraries that fail without saying why had no more than that
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Replace a file, or make it: at every moment it is the old one or the whole new one. Raises OSError."""
+def write_bytes(path: Path, data: bytes, durable: bool = False) -> None:
+    """Replace a file, or make it: at every moment it is the old one or the whole new one. Raises OSError.
+
+    durable  it is that even when the power fails; takes some milliseconds
+    """
     partial = path.with_name(f".{hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]}.partial")
     try:
         with partial.open("wb") as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())  # some file systems find out only here that they are full
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
