@@ -8,6 +8,7 @@ Exit codes: 0 done, 2 your input or options, 3 no reconstruction could be made, 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import logging
 import os
@@ -77,6 +78,8 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; run the same command again to go on from the last finished stage\n")
         return 130
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may not know all letters of a file's name
     sys.stdout.write(summary(report))
     return 0
 

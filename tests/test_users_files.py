@@ -351,6 +351,29 @@ def test_sensible_layouts_work_again_and_again(quick, capsys, layout):
         assert not [name for name in after if "kept-" in name]
 
 
+@pytest.mark.slow
+def test_the_whole_command_beside_the_users_files(tmp_path, monkeypatch, caplog):
+    """Nothing left out: a mesh, then one mask, into a folder with the user's files, with a result edited in between."""
+    monkeypatch.chdir(tmp_path)
+    laid_out({"x/box.obj": mesh, "x/m.png": mask, "x/notes.txt": text, "x/old/mesh.obj": text})
+    before = content()
+    assert run("x/box.obj --class table --out x") == 0
+    first = {n: h for n, h in content().items() if n not in before and ".recon" not in n}
+    assert {f"x/{n}" for n in ("mesh.obj", "model.blend", "report.html", "contact_sheet.png")} <= first.keys()
+    Path("x/model.blend").write_text("edited")
+    assert run("x/m.png --class table --out x") == 0
+    assert "x/kept-1/model.blend" in caplog.text
+    after = content()
+    assert {name: after.get(name) for name in before} == before
+    assert Path("x/kept-1/model.blend").read_text() == "edited"
+    assert {name for name in first if after[name] == first[name]} == set(), "all are of the second run"
+    assert Path("x/masks/m.png").is_file()
+    Path("x/mesh.obj").rename("x/mine.obj")
+    assert run("x/mine.obj --class table --out x --up z --front -y") == 0
+    assert not Path("x/masks").exists(), "a mesh has none, and those were the last run's"
+    assert [p.name for p in Path("x/.recon").iterdir()] == ["manifest.json"]
+
+
 def test_enough_layouts():
     assert len(LAYOUTS) >= 40
     assert len(REFUSED) >= 20
