@@ -6,49 +6,23 @@ import json
 import logging
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from recon.files import formats
+from recon.files.head import head_of
+from recon.files.shape import SHAPES, Kind, Recognised
 from recon.manifest import is_own_picture
-from recon.ply import ply_header
 from recon.scene import InputError
-from recon.shape_files import npy_header, zip_arrays
 from recon.whole_files import read_picture
 
+__all__ = ["SHAPES", "Kind", "Recognised", "recognise"]
 log = logging.getLogger("recon")
 
 COLMAP_FOLDERS = (".", "sparse", "sparse/0", "colmap/sparse/0", "cameras")
 PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".webp", ".tif", ".tiff", ".bmp")
-_HEAD = 4096  # bytes that are looked at first
-
-
-class Kind(StrEnum):
-    """Every kind of input; the values are what --input takes."""
-
-    PHOTOS = "photos"
-    VIDEO = "video"
-    CAMERAS = "cameras"
-    IMAGE = "image"
-    MASKS = "masks"
-    MESH = "mesh"
-    CLOUD = "cloud"
-    SPLAT = "splat"
-    VOXELS = "voxels"
-
-
-SHAPES = (Kind.MESH, Kind.CLOUD, Kind.SPLAT, Kind.VOXELS)
-
-
-@dataclass(frozen=True)
-class Recognised:
-    """An input's kind, and in words what was seen ("a point cloud of 500 points")."""
-
-    kind: Kind
-    what: str
 
 
 def recognise(path: Path, forced: str | None = None) -> Recognised:
@@ -108,65 +82,20 @@ def _two_valued(path: Path) -> bool:
 
 
 def _file(path: Path) -> Recognised:
-    """The first of the readers below that knows the content."""
-    with path.open("rb") as file:
-        head = file.read(_HEAD)
-    if not head:
+    """A shape of the table, or what the first of the readers below knows."""
+    head = head_of(path)
+    if not head.size:
         raise InputError(f"{path} is empty")
+    if (form := formats.format_of(head)) is not None:
+        return formats.describe(head, form)
     for look in _LOOKS:
-        if (seen := look(path, head)) is not None:
+        if (seen := look(path, head.start)) is not None:
             return seen
     raise InputError(
         f"{path} is nothing that can be read here; give a folder of photos, a video, an image, a mesh (OBJ, PLY, GLB, "
-        "STL, OFF), a point cloud (PLY, PCD, XYZ, NPY), a splat (.ply) or a voxel grid (.npz, .binvox)"
+        "STL, OFF, DAE, 3MF, FBX, USD), a point cloud (PLY, PCD, XYZ, CSV, NPY, LAS, E57), a splat (PLY, .splat, .spz, "
+        ".ksplat, SOG) or a voxel grid (.npz, .binvox)"
     )
-
-
-def _ply(path: Path, head: bytes) -> Recognised | None:
-    if head[:3] != b"ply":
-        return None
-    header = ply_header(path)
-    names = {name for name, _ in header.properties}
-    if header.faces:
-        return Recognised(Kind.MESH, f"a mesh of {header.faces:,} faces")
-    if {"scale_0", "rot_0"} <= names:
-        return Recognised(Kind.SPLAT, f"a Gaussian splat of {header.vertices:,} Gaussians")
-    return Recognised(Kind.CLOUD, f"a point cloud of {header.vertices:,} points")
-
-
-def _magic_shape(path: Path, head: bytes) -> Recognised | None:
-    """Formats that open with their own words."""
-    text = head.lstrip()
-    if head[:4] == b"glTF":
-        return Recognised(Kind.MESH, "a mesh (GLB)")
-    if text[:6] == b"# .PCD" or text[:8] == b"VERSION ":
-        return Recognised(Kind.CLOUD, "a point cloud (PCD)")
-    if text.split(b"\n", 1)[0].split(b" ", 1)[0].strip() in (b"OFF", b"COFF", b"NOFF", b"CNOFF", b"STOFF"):
-        return Recognised(Kind.MESH, "a mesh (OFF)")
-    if head[:7] == b"#binvox":
-        return Recognised(Kind.VOXELS, "a voxel grid (binvox)")
-    size = path.stat().st_size
-    if size >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little"):
-        return Recognised(Kind.MESH, f"a mesh of {(size - 84) // 50:,} faces (STL)")
-    if text[:5] == b"solid" and (b"facet" in head or b"endsolid" in head):
-        return Recognised(Kind.MESH, "a mesh (STL, text)")
-    return None
-
-
-def _arrays(path: Path, head: bytes) -> Recognised | None:
-    """Numpy's files: voxels are 3-d, points are rows of at least three numbers."""
-    if head[:6] == b"\x93NUMPY":
-        shapes = [npy_header(path)]
-    elif head[:4] == b"PK\x03\x04" and zipfile.is_zipfile(path):
-        shapes = list(zip_arrays(path).values())
-    else:
-        return None
-    for shape in shapes:
-        if len(shape) == 3:
-            return Recognised(Kind.VOXELS, f"a voxel grid of {' x '.join(map(str, shape))}")
-        if len(shape) == 2 and shape[1] >= 3:
-            return Recognised(Kind.CLOUD, f"a point cloud of {shape[0]:,} points")
-    raise InputError(f"{path} holds no 3-d voxel grid and no (n, 3) points, but arrays of shapes {shapes}")
 
 
 def _picture(path: Path, head: bytes) -> Recognised | None:
@@ -201,45 +130,11 @@ def _json(path: Path, head: bytes) -> Recognised | None:
     return None
 
 
-def _text(path: Path, head: bytes) -> Recognised | None:
-    """OBJ by its keywords, else rows of at least three numbers."""
-    if b"\0" in head:
-        return None
-    lines = head.decode("utf-8", "replace").splitlines()
-    if len(head) == _HEAD:
-        lines = lines[:-1]  # the last one may be cut
-    first = [line.split()[0] for line in lines if line.strip() and not line.startswith("#")]
-    if first and set(first) & {"v", "mtllib", "o", "g", "vn", "vt"} and set(first) <= _OBJ_WORDS:
-        faces = any(line[:2] in (b"f ", b"f\t") for line in path.open("rb"))
-        return Recognised(Kind.MESH, "a mesh (OBJ)") if faces else Recognised(Kind.CLOUD, "points of an OBJ file")
-    rows = [line.replace(",", " ").replace(";", " ").split() for line in lines if line.strip()]
-    numbers = [row for row in rows if len(row) >= 3 and all(map(_is_number, row[:3]))]
-    # A heading and a count may precede the rows.
-    if numbers and len(numbers) >= len(rows) - 2 - sum(line.startswith(("#", "//")) for line in lines):
-        return Recognised(Kind.CLOUD, "a point cloud (rows of numbers)")
+def _archive(path: Path, head: bytes) -> Recognised | None:
+    """A zip archive of something else."""
+    if head[:4] == b"PK\x03\x04" and zipfile.is_zipfile(path):
+        raise InputError(f"{path} is a zip file without numpy arrays; unpack it and give what is inside")
     return None
 
 
-_OBJ_WORDS = {
-    *("v", "vt", "vn", "vp", "f", "l", "p", "o", "g", "s", "mtllib", "usemtl", "mg", "cstype", "deg", "curv", "surf"),
-    *("bevel", "c_interp", "d_interp", "lod", "shadow_obj", "trace_obj", "parm", "trim", "hole", "end"),
-}
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-_LOOKS: tuple[Callable[[Path, bytes], Recognised | None], ...] = (
-    _ply,
-    _magic_shape,
-    _arrays,
-    _picture,
-    _video,
-    _json,
-    _text,
-)
+_LOOKS: tuple[Callable[[Path, bytes], Recognised | None], ...] = (_picture, _video, _json, _archive)

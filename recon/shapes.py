@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 
 from datasets.turns import turn
 from datasets.voxels import RESOLUTION, point_grid, surface_grid
-from recon.inputs import Kind
+from recon.files.shape import Kind, Surface
 from recon.scene import InputError
 from recon.shape_cleaning import CleaningOptions, cleaned
-from recon.shape_files import Surface, mesh_format, read_cloud, read_mesh, read_splat, read_voxels
+from recon.shape_files import read_cloud, read_mesh, read_splat, read_voxels, ups_of
 
 log = logging.getLogger("recon")
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -72,20 +72,20 @@ class Hypothesis:
 
 def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()) -> Target:
     """Read and clean. Raises InputError saying what is wrong with the file and what to do."""
-    triangles, ups = np.zeros((0, 3, 3)), ("z", "y")  # type: tuple[np.ndarray, tuple[str, ...]]
+    triangles = np.zeros((0, 3, 3))
     if kind == Kind.MESH:
         surface = read_mesh(path)
         points = sampled(surface, options.samples, options.seed)
+        if what.startswith("a mesh ("):  # its format cannot be counted before it is read
+            what = f"a mesh of {len(surface.triangles):,} faces{what[6:]}"
+            log.info("%s is %s", path, what)
         if len(surface.triangles) <= options.max_faces:
             triangles = surface.vertices[surface.triangles]
-        ups = ("z", "y") if mesh_format(path).startswith("stl") else ("y", "z")
     elif kind == Kind.VOXELS:
         points = _voxel_points(read_voxels(path))
     else:
         points = read_splat(path, options.opacity) if kind == Kind.SPLAT else read_cloud(path)
-        if kind == Kind.SPLAT:
-            ups = ("z", "y", "-y")  # splats keep the cameras' axes: y down
-    ups = ups if options.up == "auto" else (_axis(options.up, "--up"),)
+    ups = ups_of(path) if options.up == "auto" else (_axis(options.up, "--up"),)
     noisy = kind in (Kind.CLOUD, Kind.SPLAT)
     clean, warnings = cleaned(points, path, ups, noisy, options.samples, options.seed, options.cleaning)
     if len(warnings):

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from recon.ply import ply_vertices
 from recon.scene import Cameras, InputError
+from recon.shape_files import read_gaussians
 
 NEAR = 0.02  # share of the median depth: what is nearer to a camera is a floater in front of its lens
 REACH = 3.0  # standard deviations after which a Gaussian ends
@@ -49,31 +49,23 @@ class Splat:
 
 
 def read(path: Path) -> Splat:
-    """The Gaussians that can be seen at all, of a .ply as the usual programs write it.
-
-    Scales are logarithms, rotations quaternions (w, x, y, z) of any length, opacities logits. Two scales make flat
-    discs. Raises InputError naming the file when any of them is missing or nothing is left.
-    """
-    columns = ply_vertices(path)
-    scales = [f"scale_{i}" for i in range(3) if f"scale_{i}" in columns]
-    turns = [f"rot_{i}" for i in range(4)]
-    missing = [name for name in ("opacity", "scale_0", "scale_1", *turns) if name not in columns]
-    if missing:
+    """The Gaussians that can be seen at all. Raises InputError naming the file when what is needed to draw them is
+    missing, or nothing is left."""
+    found = read_gaussians(path)
+    if found.opacity is None or found.sigma is None or found.turns is None:
+        named = (("opacity", found.opacity), ("two or three scales", found.sigma), ("four rotations", found.turns))
         raise InputError(
-            f"{path} is a Gaussian splat without {', '.join(missing)}, so its outline cannot be drawn; export it with "
-            "all its properties, or leave --cameras out and take its points as they are with --input cloud"
+            f"{path} is a Gaussian splat without {', '.join(n for n, v in named if v is None)}, so its outline cannot "
+            "be drawn; export it with all its properties, or leave --cameras out and take its points as they are with "
+            "--input cloud"
         )
-    sigma = np.exp(np.clip(np.stack([columns[s] for s in scales], 1), -50, 50))
-    sigma = np.pad(sigma, ((0, 0), (0, 3 - len(scales))))
-    turn = np.stack([columns[t] for t in turns], 1)
-    length = np.linalg.norm(turn, axis=1)
-    opacity = 1 / (1 + np.exp(-np.clip(columns["opacity"], -50, 50)))
-    centres = np.stack([columns[a] for a in "xyz"], 1)
-    good = np.isfinite(np.column_stack([centres, sigma, turn, opacity])).all(1) & (length > 1e-12) & (opacity > _FAINT)
+    length = np.linalg.norm(found.turns, axis=1)
+    numbers = np.column_stack([found.centres, found.sigma, found.turns, found.opacity])
+    good = np.isfinite(numbers).all(1) & (length > 1e-12) & (found.opacity > _FAINT)
     if not good.any():
         raise InputError(f"{path}: none of its {len(good):,} Gaussians can be seen; train the splat longer")
-    rotation = Rotation.from_quat(turn[good][:, [1, 2, 3, 0]]).as_matrix()
-    return Splat(centres[good], rotation * sigma[good][:, None, :], opacity[good])
+    rotation = Rotation.from_quat(found.turns[good][:, [1, 2, 3, 0]]).as_matrix()
+    return Splat(found.centres[good], rotation * found.sigma[good][:, None, :], found.opacity[good])
 
 
 def silhouettes(splat: Splat, cameras: Cameras, threshold: float = 0.5) -> list[np.ndarray]:

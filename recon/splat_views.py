@@ -17,9 +17,11 @@ from scipy.spatial import cKDTree
 from recon import known_cameras, splat_silhouettes, standing
 from recon.camera_photos import Library, flat_names
 from recon.camera_records import CameraRecords
+from recon.files import formats
+from recon.files.head import head_of
+from recon.files.shape import Kind
 from recon.floor import Room, find_room
 from recon.known_cameras import Given
-from recon.ply import ply_header
 from recon.scene import Cameras, InputError, ReconstructionError
 from recon.shape_cleaning import CleaningOptions, cleaned
 from recon.splat_silhouettes import Splat
@@ -43,12 +45,11 @@ class SplatViewOptions:
 
 
 def is_splat(path: Path) -> bool:
-    """Whether a file is a PLY file of Gaussians."""
+    """Whether a file is a Gaussian splat of any format."""
     try:
-        with path.open("rb") as file:
-            if file.read(3) != b"ply":
-                return False
-        return {"scale_0", "rot_0"} <= {name for name, _ in ply_header(path).properties}
+        head = head_of(path)
+        form = formats.format_of(head)
+        return form is not None and formats.describe(head, form).kind == Kind.SPLAT
     except (OSError, InputError):
         return False
 

@@ -1,0 +1,11 @@
+"""How large an input may be, stated once and checked from headers before memory is taken: a run stays below 4 GB."""
+
+# Shapes
+UNPACKED = 4 << 30  # bytes that the arrays of a small file may claim to unpack to
+TEXT = 1 << 30  # bytes of a text file, or of the text in an archive
+SCENE = 300 << 20  # bytes of a file that another program's reader takes whole: FBX, USD, DAE, 3MF
+POINTS = 1_000_000  # of a larger cloud, this many are drawn while it is read
+GAUSSIANS = 2_000_000  # the same for splats
+FACES = 20_000_000  # of a mesh
+SIDE = 2048  # voxels along one axis
+CELLS = 256  # along one axis that are kept: the network sees 64
