@@ -9,6 +9,7 @@ import numpy as np
 import scipy.ndimage
 from scipy.spatial import cKDTree
 
+from datasets.triangles import LARGEST
 from recon.scene import InputError
 
 
@@ -37,7 +38,7 @@ def cleaned(
     noisy  whether there may be outliers
     Raises InputError, naming the file, when too little is left to be a shape.
     """
-    finite = np.isfinite(points).all(1)
+    finite = (np.abs(points) < LARGEST).all(1)  # NaN is not smaller
     if (bad := int((~finite).sum())) > len(points) / 2:
         raise InputError(f"{path}: {bad:,} of {len(points):,} points are not numbers; export it again")
     points = points[finite]
@@ -45,6 +46,9 @@ def cleaned(
         raise InputError(
             f"{path} has {len(points)} usable points; a shape needs {options.least_points}, better 500 or more"
         )
+    extent = float(np.ptp(points, axis=0).max())
+    if not extent > max(1e-30, 1e-12 * float(np.abs(points).max())):
+        raise InputError(f"{path}: all points lie in one place; give the whole surface of the object")
     spread = np.linalg.svd(points[:: max(1, len(points) // 5000)] - points.mean(0), compute_uv=False)
     if spread[1] <= 1e-6 * spread[0]:
         raise InputError(f"{path}: all points lie on one line; give the whole surface of the object")

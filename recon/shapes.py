@@ -76,15 +76,14 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
     if kind == Kind.MESH:
         surface = read_mesh(path)
         points = sampled(surface, options.samples, options.seed)
-        if what.startswith("a mesh ("):  # its format cannot be counted before it is read
-            what = f"a mesh of {len(surface.triangles):,} faces{what[6:]}"
-            log.info("%s is %s", path, what)
+        what = _counted(path, what, "a mesh", f"{len(surface.triangles):,} faces")
         if len(surface.triangles) <= options.max_faces:
             triangles = surface.vertices[surface.triangles]
     elif kind == Kind.VOXELS:
         points = _voxel_points(read_voxels(path))
     else:
         points = read_splat(path, options.opacity) if kind == Kind.SPLAT else read_cloud(path)
+        what = _counted(path, what, "a point cloud", f"{len(points):,} points")
     ups = ups_of(path) if options.up == "auto" else (_axis(options.up, "--up"),)
     noisy = kind in (Kind.CLOUD, Kind.SPLAT)
     clean, warnings = cleaned(points, path, ups, noisy, options.samples, options.seed, options.cleaning)
@@ -96,6 +95,14 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
         raise InputError(f"--up {options.up} and --front {options.front} are the same line; they must differ")
     complete = kind in (Kind.MESH, Kind.VOXELS)
     return Target(clean, _spacing(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings))
+
+
+def _counted(path: Path, what: str, kind: str, number: str) -> str:
+    """The same words with a number in them, when the format cannot be counted before it is read."""
+    if not what.startswith(f"{kind} ("):
+        return what
+    log.info("%s is %s of %s", path, kind, number)
+    return what.replace(kind, f"{kind} of {number}", 1)
 
 
 def of_triangles(
@@ -202,17 +209,28 @@ def _turn_of(way: Hypothesis) -> np.ndarray:
 
 def sampled(surface: Surface, count: int, seed: int) -> np.ndarray:
     """(count, 3) float, area-weighted points. Raises InputError when all faces are degenerate."""
-    corners = surface.vertices[surface.triangles]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    ends = np.cumsum(areas)
+    ends = np.cumsum(_areas(surface))
     if not np.isfinite(ends[-1]) or ends[-1] <= 0:
         raise InputError("the mesh has no area: all its faces are lines or points; export it again")
     rng = np.random.default_rng(seed)
     chosen = np.minimum(np.searchsorted(ends, (np.arange(count) + rng.random(count)) / count * ends[-1]), len(ends) - 1)
     u, v = rng.random((2, count, 1))
     root = np.sqrt(u)
-    a, b, c = corners[chosen].transpose(1, 0, 2)
+    a, b, c = surface.vertices[surface.triangles[chosen]].transpose(1, 0, 2)
     return (1 - root) * a + root * (1 - v) * b + root * v * c
+
+
+def _areas(surface: Surface, portion: int = 1_000_000) -> np.ndarray:
+    """(m,) float, twice the triangles' areas in units of the longest side squared, so that no unit is too small.
+
+    In portions: the corners of all triangles of a large mesh would take gigabytes.
+    """
+    size = float(np.ptp(surface.vertices, axis=0).max()) or 1.0
+    out = []
+    for start in range(0, len(surface.triangles), portion):
+        a, b, c = (surface.vertices[surface.triangles[start : start + portion]] / size).transpose(1, 0, 2)
+        out.append(np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    return np.concatenate(out)
 
 
 def _voxel_points(grid: np.ndarray) -> np.ndarray:

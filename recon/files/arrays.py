@@ -143,13 +143,14 @@ def _chosen(path: Path) -> Chosen:
 def _as_shape(path: Path, array: Array, faces: Array | None) -> Chosen | None:
     """How an array can be a shape, or None."""
     if array.kind.names:
-        columns = axis_columns([n.lower() for n in array.kind.names])
+        single = [n for n in array.kind.names if array.kind[n].shape == () and array.kind[n].kind in "fiu"]
+        columns = axis_columns(single)
         rows = int(np.prod(array.shape))
-        fields = tuple(array.kind.names[c] for c in columns) if columns else ()
+        fields = tuple(single[c] for c in columns) if columns else ()
         return Chosen(array, Kind.CLOUD, cloud_of(rows), rows, fields) if fields else None
     shape = array.shape
-    while len(shape) > 2 and shape[0] == 1:
-        shape = shape[1:]
+    while len(shape) > 2 and 1 in (shape[0], shape[-1] if len(shape) > 3 else 0):
+        shape = shape[1:] if shape[0] == 1 else shape[:-1]
     flat = Array(array.name, shape, array.kind, array.fortran)
     if len(shape) == 3 and shape[2] == 3 and array.kind.kind == "f":
         raise InputError(
@@ -204,7 +205,7 @@ def _points(path: Path, chosen: Chosen, most: int) -> np.ndarray:
     array, keep = chosen.array, kept(chosen.rows, most)
     if array.kind.names:
         with _opened(path, array) as file:
-            rows = picked(file, array.kind, chosen.rows, keep)
+            rows = picked(file, array.kind, chosen.rows, keep, [str(c) for c in chosen.columns])
         return np.stack([rows[c].astype(float) for c in chosen.columns], 1)
     if len(array.shape) == 1:  # three arrays
         columns = []
@@ -217,8 +218,8 @@ def _points(path: Path, chosen: Chosen, most: int) -> np.ndarray:
     with _opened(path, array) as file:
         if chosen.across != array.fortran:  # one coordinate after the other
             return np.stack([picked(file, array.kind, chosen.rows, keep).astype(float) for _ in range(3)], 1)
-        rows = picked(file, np.dtype((np.void, width * array.kind.itemsize)), chosen.rows, keep)
-    return rows.view(array.kind).reshape(-1, width)[:, :3].astype(float)
+        row = np.dtype([("place", array.kind, 3), ("rest", array.kind, width - 3)])
+        return picked(file, row, chosen.rows, keep, ["place"])["place"].astype(float)
 
 
 def _grid(path: Path, array: Array) -> Grid:

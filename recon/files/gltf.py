@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from recon.scene import InputError
 
 _DRACO = "KHR_draco_mesh_compression"
 _INSTANCES = "EXT_mesh_gpu_instancing"
+_MOST = 200_000  # parts; a node that hangs below many others counts every time
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
@@ -93,7 +95,10 @@ def _parts(tree: dict[str, Any], buffers: Buffers) -> list[_Part]:
     scenes = tree.get("scenes") or [{"nodes": _roots(tree)}]
     first = int(tree.get("scene", 0))
     for scene in [*scenes[first : first + 1], *scenes]:
-        if parts := list(_placed(tree, buffers, scene.get("nodes", []))):
+        parts = list(islice(_placed(tree, buffers, scene.get("nodes", [])), _MOST + 1))
+        if len(parts) > _MOST:
+            raise ValueError(f"more than {_MOST:,} parts")
+        if parts:
             return parts
     return []
 

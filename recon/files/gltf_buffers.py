@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import urllib.parse
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -132,11 +133,13 @@ class Buffers:
         if uri.startswith("data:"):
             head, _, body = uri.partition(",")
             return base64.b64decode(body) if head.endswith(";base64") else urllib.parse.unquote_to_bytes(body)
-        folder = self.path.parent.resolve()
+        folder = Path(os.path.abspath(self.path.parent))
         if "://" in uri:
             raise InputError(f"{self.path} names the address {uri}, which is not followed; put that file beside it")
         for name in (urllib.parse.unquote(uri), uri):
-            file = (folder / name.replace("\\", "/")).resolve()
+            file = Path(
+                os.path.normpath(folder / name.replace("\\", "/"))
+            )  # links that the user laid there are followed
             if not file.is_relative_to(folder):
                 raise InputError(
                     f"{self.path} names {uri}, which lies outside its folder and is not followed; put it beside it"

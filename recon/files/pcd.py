@@ -56,8 +56,9 @@ def read(path: Path) -> Cloud:
             starts = np.cumsum([0, *(count for _, _, count in header.fields)])
             return Cloud(rows[keep][:, starts[where]])
         if header.data == "binary":
-            table = picked(file, header.row, header.points, keep)
-            return Cloud(np.stack([table[list(header.row.names or ())[i]][:, 0].astype(float) for i in where], 1))
+            fields = [list(header.row.names or ())[i] for i in where]
+            table = picked(file, header.row, header.points, keep, fields)
+            return Cloud(np.stack([table[name][:, 0].astype(float) for name in fields], 1))
         columns = _columns(file.read(limits.TEXT), header)
         return Cloud(np.stack([columns[i][keep, 0].astype(float) for i in where], 1))
 

@@ -139,8 +139,9 @@ def _row(element: Element, order: str) -> list[tuple[str, str]]:
 
 def _binary(file: IO[bytes], element: Element, order: str, most: int) -> dict[str, Column]:
     if element.plain:
-        rows = picked(file, np.dtype(_row(element, order)), element.count, kept(element.count, most))
-        return {p.name: rows[str(i)].astype(float) for i, p in enumerate(element.properties) if _useful(p.name)}
+        kept_names = {str(i): p.name for i, p in enumerate(element.properties) if _useful(p.name)}
+        rows = picked(file, np.dtype(_row(element, order)), element.count, kept(element.count, most), list(kept_names))
+        return {name: rows[i].astype(float) for i, name in kept_names.items()}
     at = file.tell()
     size = file.seek(0, 2) - at
     file.seek(at)
@@ -184,7 +185,8 @@ def _uniform(file: IO[bytes], element: Element, order: str) -> dict[str, Column]
 
 def _ragged(data: bytes, element: Element, order: str) -> tuple[dict[str, Column], int]:
     """The columns of rows of any lengths, and the bytes that they take."""
-    at, pieces = 0, [[] for _ in element.properties]  # type: tuple[int, list[list[np.ndarray]]]
+    pieces: list[list[np.ndarray]] = [[] for _ in element.properties]
+    at = 0
     for _ in range(element.count):
         values, _, at = _one_row(data, at, element, order)
         for piece, value in zip(pieces, values, strict=True):

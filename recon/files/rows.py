@@ -21,12 +21,13 @@ def kept(count: int, most: int, seed: int = 0) -> np.ndarray:
     return ends[:-1] + (np.random.default_rng(seed).random(most) * np.diff(ends)).astype(np.int64)
 
 
-def picked(file: IO[bytes], kind: np.dtype, count: int, rows: np.ndarray) -> np.ndarray:
+def picked(file: IO[bytes], kind: np.dtype, count: int, rows: np.ndarray, names: list[str] | None = None) -> np.ndarray:
     """(len(rows),) records of type `kind`: those at the sorted indices `rows` of the next `count` ones in the file.
 
+    names  fields that are kept, of wide records; None: all
     Raises ValueError when the file ends before.
     """
-    out = np.empty(len(rows), kind)
+    out = np.empty(len(rows), kind if names is None else [(name, kind[name]) for name in names])
     step, done = max(1, BLOCK // kind.itemsize), 0
     for start in range(0, count, step):
         number = min(step, count - start)
@@ -36,7 +37,11 @@ def picked(file: IO[bytes], kind: np.dtype, count: int, rows: np.ndarray) -> np.
                 f"it is cut short: {start + len(data) // kind.itemsize:,} rows, its header promises {count:,}"
             )
         end = int(np.searchsorted(rows, start + number))
-        out[done:end] = np.frombuffer(data, kind)[rows[done:end] - start]
+        some = np.frombuffer(data, kind)[rows[done:end] - start]
+        if names is None:
+            out[done:end] = some
+        for name in names or ():
+            out[name][done:end] = some[name]
         done = end
     return out
 

@@ -59,8 +59,8 @@ def describe_ksplat(path: Path) -> Recognised:
     grade, size = int.from_bytes(head[20:22], "little"), path.stat().st_size
     if not count or grade > 2 or _HEAD + sections * _SECTION + count * np.dtype(_HALVES).itemsize > size:
         raise InputError(
-            f"{path} is a damaged .ksplat file: its header promises {count:,} Gaussians in {sections:,} sections, packed "
-            f"by grade {grade}, which its {size:,} bytes do not hold; export it again, or save it as PLY"
+            f"{path} is a damaged .ksplat file: its header promises {count:,} Gaussians in {sections:,} sections, "
+            f"packed by grade {grade}, which its {size:,} bytes do not hold; export it again, or save it as PLY"
         )
     return Recognised(Kind.SPLAT, splat_of(count, ".ksplat"))
 

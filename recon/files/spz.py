@@ -9,6 +9,7 @@ from __future__ import annotations
 import gzip
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 import zstandard
@@ -67,11 +68,8 @@ def read(path: Path) -> Gaussians:
 
 
 def _header(path: Path) -> _Header:
-    with path.open("rb") as file:
+    with _stream(path) as file:
         head = file.read(32)
-    if head[:4] != _MAGIC:
-        with gzip.open(path) as file:
-            head = file.read(16)
     version, count = (int(v) for v in np.frombuffer(head, "<u4", 2, 4))
     if not 1 <= version <= 4:
         raise InputError(f"{path} is an .spz file of version {version}, which is not read here; save it as PLY")
@@ -84,9 +82,16 @@ def _header(path: Path) -> _Header:
 
 
 def _zipped(path: Path, header: _Header) -> list[np.ndarray]:
-    with gzip.open(path) as file:
+    with _stream(path) as file:
         file.read(16)
         return [_column(file.read(header.count * width), header.count, width) for width in header.widths]
+
+
+def _stream(path: Path) -> IO[bytes]:
+    """The file without gzip around it."""
+    with path.open("rb") as file:
+        bare = file.read(4) == _MAGIC
+    return path.open("rb") if bare else cast(IO[bytes], gzip.open(path))
 
 
 def _packed(path: Path, header: _Header) -> list[np.ndarray]:

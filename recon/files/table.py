@@ -96,7 +96,7 @@ def _found(path: Path) -> Layout:
         raise InputError(f"{path} has no rows of three numbers; save points as x y z, one a line")
     if layout.decimal == "?":
         raise InputError(
-            f"{path}: commas both separate its columns and stand in its numbers; save it with semicolons between columns"
+            f"{path}: commas both separate its columns and stand in its numbers; save it with semicolons between"
         )
     return layout
 
@@ -193,12 +193,13 @@ def _after_scanner(lines: list[str], first: int) -> int:
 
 def _with_columns(layout: Layout, before: list[str], table: list[list[str]], first: int) -> Layout:
     """The same with the columns of x, y and z: by their names, else by what the columns hold."""
+    width = int(np.median([len(row) for row in table]))
     for line in reversed([b for b in before if b.strip()][-3:]):
         for words in (layout.words(line), re.split(r"[\s,;|]+", line.strip(" \t#/%!*"))):
             named = axis_columns([w for w in words if w.strip("#/%!*")])
             if named is not None:
-                return Layout(layout.separator, layout.decimal, named, _said(named, "as its heading names them"), first)
-    width = int(np.median([len(row) for row in table]))
+                said = _said(named, "as its heading names them") if width > 3 or named != (0, 1, 2) else ""
+                return Layout(layout.separator, layout.decimal, named, said, first)
     numeric = [c for c in range(width) if all(len(r) > c and _is_number(r[c]) for r in table)]
     values = {c: np.array([float(r[c].lower().replace("d", "e")) for r in table]) for c in numeric}
     reason = ""
