@@ -165,7 +165,7 @@ def test_what_a_splat_needs_is_named(tmp_path, rng):
     )
     assert splat_views.is_splat(path)
     path.write_bytes(path.read_bytes().replace(b"rot_2", b"odd_2"))
-    with pytest.raises(InputError, match=r"s\.ply .* without rot_2"):
+    with pytest.raises(InputError, match=r"s\.ply .* without four rotations"):
         splat_silhouettes.read(path)
 
 

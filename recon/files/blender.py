@@ -64,9 +64,9 @@ def read(importer: str, endings: tuple[str, ...]) -> Callable[[Path], Surface]:
 
 
 def _ending(path: Path, endings: tuple[str, ...]) -> str:
-    """.usdz for an archive, else the first."""
+    """The ending that goes with a file's first bytes."""
     with path.open("rb") as file:
-        return endings[-1] if file.read(2) == b"PK" else endings[0]
+        return {b"PK": ".usdz", b"PX": ".usdc"}.get(file.read(2), endings[0])
 
 
 def _run(path: Path, arguments: list[str]) -> None:

@@ -53,4 +53,4 @@ def shown() -> tuple[np.ndarray, np.ndarray]:
 
 
 if __name__ == "__main__":
-    main(str(Path(sys.argv[1]).resolve()), sys.argv[2], sys.argv[3])
+    main(str(Path(sys.argv[1]).absolute()), sys.argv[2], sys.argv[3])

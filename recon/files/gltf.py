@@ -23,7 +23,7 @@ from recon.scene import InputError
 
 _DRACO = "KHR_draco_mesh_compression"
 _INSTANCES = "EXT_mesh_gpu_instancing"
-_MOST = 200_000  # parts; a node that hangs below many others counts every time
+_MOST = 50_000  # parts; a node that hangs below many others counts every time
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
@@ -131,6 +131,8 @@ def _local(node: dict[str, Any]) -> np.ndarray:
     """(4, 4) parent_from_node."""
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
+    if not {"translation", "rotation", "scale"} & set(node):
+        return np.eye(4)
     turn, scale = (
         np.array([node.get(key, usual)], float) for key, usual in (("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
     )

@@ -32,7 +32,8 @@ def is_binary(head: Head) -> bool:
     if head.size < _HEAD or head.start[:4] in (b"glTF", b"PK\x03\x04", b"\x89PNG"):
         return False
     said = int.from_bytes(head.start[80:84], "little")
-    return head.size == _HEAD + _ROW.itemsize * said or _plausible(head.start[_HEAD:])
+    rows = said if 0 < said <= (head.size - _HEAD) // _ROW.itemsize else 200
+    return head.size == _HEAD + _ROW.itemsize * said or _plausible(head.start[_HEAD : _HEAD + _ROW.itemsize * rows])
 
 
 def _plausible(data: bytes) -> bool:

@@ -60,7 +60,7 @@ class Layout:
 
 def is_table(head: Head) -> bool:
     """Whether nearly all lines, after any number of others, are rows of at least three numbers."""
-    return head.text is not None and _layout(head.text) is not None
+    return head.text is not None and not head.text.lstrip().startswith(("{", "<")) and _layout(head.text) is not None
 
 
 def describe(path: Path) -> Recognised:
@@ -142,7 +142,7 @@ def _layout(text: str) -> Layout | None:
             for i, line in islice(enumerate(lines), 4 * _LOOKED_AT)
             if line.strip() and not _remark(line)
         ]
-        good = [(i, words) for i, words in rows if sum(map(_is_number, words)) >= 3]
+        good = [(i, words) for i, words in rows if sum(map(_is_number, words)) >= max(3, len(words) / 2)]
         if not good or len(good) < 0.9 * sum(i >= good[0][0] for i, _ in rows):
             continue
         first = _after_scanner(lines, good[0][0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -29,13 +30,21 @@ def describe(name: str) -> Callable[[Path], Recognised]:
     """Of a format that must be read whole to be counted."""
 
     def described(path: Path) -> Recognised:
-        if path.stat().st_size > limits.SCENE:
+        if _unpacked(path) > limits.SCENE:
             raise InputError(
                 f"{path} is larger than the {limits.SCENE >> 20} MB that are read of {name}; save it as binary PLY"
             )
         return Recognised(Kind.MESH, f"a mesh ({name})")
 
     return described
+
+
+def _unpacked(path: Path) -> int:
+    """Bytes of a file, or of all that an archive says it holds."""
+    if not zipfile.is_zipfile(path):
+        return path.stat().st_size
+    with zipfile.ZipFile(path) as archive:
+        return sum(member.file_size for member in archive.infolist())
 
 
 def read(file_type: str) -> Callable[[Path], Surface]:
