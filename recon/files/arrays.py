@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -225,15 +225,19 @@ def _points(path: Path, chosen: Chosen, most: int) -> np.ndarray:
 def _grid(path: Path, array: Array) -> Grid:
     """Numbers count as filled above the middle of 0 and 1."""
     count, shape = int(np.prod(array.stored[1:])), array.stored
-    full: Callable[[np.ndarray], np.ndarray] = lambda v: v if v.dtype == bool else np.nan_to_num(v.astype(float)) > 0.5  # noqa: E731
 
     def layers(file: IO[bytes]) -> Iterator[np.ndarray]:
         for _ in range(shape[0]):
             data = file.read(count * array.kind.itemsize)
-            yield full(np.frombuffer(data, array.kind, count)).reshape(shape[1:])
+            yield _full(np.frombuffer(data, array.kind, count)).reshape(shape[1:])
 
     with _opened(path, array) as file:
         filled = gathered(layers(file), shape)
     if not filled.any():
         raise InputError(f"{path} is a voxel grid with nothing in it")
     return Grid(filled.transpose() if array.fortran else filled)
+
+
+def _full(values: np.ndarray) -> np.ndarray:
+    """Which numbers are above the middle of 0 and 1; what is no number is not."""
+    return values > 0.5 if values.dtype.kind == "f" else values > 0

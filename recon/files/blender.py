@@ -88,4 +88,5 @@ def _run(path: Path, arguments: list[str]) -> None:
         ) from error
     if done.returncode:
         last = (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["it crashed"])[-1]
+        last = last.removesuffix(", see console for detail")
         raise InputError(f"{path} cannot be imported by Blender ({last[:200]}); export the mesh as GLB")

@@ -32,7 +32,11 @@ def is_obj(head: Head) -> bool:
     if not text or not _WORDS.search(text):
         with head.path.open("rb") as file:
             text = decoded(file.read(_SEEN)) or ""
-    lines = [line for line in re.sub(r"\\[ \t]*\n", " ", text).splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    lines = [
+        line
+        for line in re.sub(r"\\[ \t]*\n", " ", text).splitlines()
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
     ours = sum(bool(_WORDS.match(line)) for line in lines[:200])
     return ours > 0.5 * len(lines[:200]) and bool(
         _VERTEX.search(text) or len(text) >= _SEEN // 4 or _has_vertices(head.path)

@@ -77,7 +77,7 @@ def read(path: Path) -> Cloud:
         raise InputError(
             f"{path} is a text file of more than {limits.TEXT >> 30} GB; thin it out, or save it as binary PLY"
         )
-    portions = max(1, size // _PORTION)
+    portions = -(-size // _PORTION)
     for number, lines in enumerate(_portions(path)):
         lines = lines[layout.skipped :] if number == 0 else lines
         chosen = kept(len(lines), -(-limits.POINTS // portions), number)

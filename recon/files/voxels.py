@@ -19,6 +19,6 @@ def gathered(layers: Iterable[np.ndarray], shape: tuple[int, ...]) -> np.ndarray
     factor = -(-max(shape) // limits.CELLS)
     small = np.zeros([-(-side // factor) for side in shape], bool)
     for i, layer in enumerate(layers):
-        y, z = np.nonzero(layer)
+        y, z = np.nonzero(layer) if layer.any() else np.zeros((2, 0), int)
         small[i // factor, y // factor, z // factor] = True
     return small
