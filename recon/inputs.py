@@ -132,9 +132,11 @@ def _json(path: Path, head: bytes) -> Recognised | None:
 
 def _archive(path: Path, head: bytes) -> Recognised | None:
     """A zip archive of something else."""
-    if head[:4] == b"PK\x03\x04" and zipfile.is_zipfile(path):
+    if head[:4] != b"PK\x03\x04":
+        return None
+    if zipfile.is_zipfile(path):
         raise InputError(f"{path} is a zip file without numpy arrays; unpack it and give what is inside")
-    return None
+    raise InputError(f"{path} is a zip file that is damaged or cut short; copy it again")
 
 
 _LOOKS: tuple[Callable[[Path, bytes], Recognised | None], ...] = (_picture, _video, _json, _archive)

@@ -164,7 +164,7 @@ def _damaged(tmp_path):
         "objects.npy": (objects.getvalue(), "Python objects"),
         "cut.npy": (b"\x93NUMPY\x01\x00", "damaged"),
         "catalogue.npz": (archive.getvalue(), "unpack it"),
-        "cut.npz": (archive.getvalue()[:20], "nothing that can be read"),
+        "cut.npz": (archive.getvalue()[:20], "a zip file that is damaged or cut short"),
         "empty.obj": (b"", "is empty"),
         "notes.obj": (b"Dear all, this is not a chair.", "nothing that can be read"),
         "pointless.obj": (b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", "damaged"),

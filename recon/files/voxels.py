@@ -18,7 +18,7 @@ def gathered(layers: Iterable[np.ndarray], shape: tuple[int, ...]) -> np.ndarray
     """The same from layers (Y, Z) bool along the first axis of a grid of this shape, one at a time."""
     factor = -(-max(shape) // limits.CELLS)
     small = np.zeros([-(-side // factor) for side in shape], bool)
+    rows, columns = (np.arange(0, side, factor) for side in shape[1:])
     for i, layer in enumerate(layers):
-        y, z = np.nonzero(layer) if layer.any() else np.zeros((2, 0), int)
-        small[i // factor, y // factor, z // factor] = True
+        small[i // factor] |= np.logical_or.reduceat(np.logical_or.reduceat(layer, rows, 0), columns, 1)
     return small
