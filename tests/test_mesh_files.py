@@ -328,7 +328,7 @@ def test_what_blender_writes(tmp_path):
         assert_chair(read_mesh(path))
     cut = tmp_path / "cut.fbx"
     cut.write_bytes((tmp_path / "fbx.dat").read_bytes()[:2000])
-    with pytest.raises(InputError, match=r"cut\.fbx .*export the mesh as GLB"):
+    with pytest.raises(InputError, match=r"cut\.fbx .*; export the mesh as GLB or OBJ"):
         read_mesh(cut)
 
 

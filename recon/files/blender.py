@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
+from recon.files.child import arrays_of
 from recon.files.head import Head
 from recon.files.shape import Surface
 from recon.scene import InputError
 
-SECONDS = 300  # after which an importer is given up
 _USD = (".usd", ".usda", ".usdc")
 
 
 def is_usd(head: Head) -> bool:
     """Whether it is USD: binary, text, or in an archive."""
-    return (
-        head.start[:8] == b"PXR-USDC"
-        or head.start.lstrip()[:5] == b"#usda"
-        or (head.members[:1] != () and head.members[0].lower().endswith(_USD))
-    )
+    bare = head.start[:8] == b"PXR-USDC" or head.start.lstrip()[:5] == b"#usda"
+    return bare or any(name.lower().endswith(_USD) for name in head.members[:1])
 
 
 def is_fbx(head: Head) -> bool:
@@ -48,17 +40,16 @@ def read(importer: str, endings: tuple[str, ...]) -> Callable[[Path], Surface]:
 
     def surface(path: Path) -> Surface:
         with tempfile.TemporaryDirectory() as folder:
-            file = path.resolve()
+            file = path.absolute()
             if path.suffix.lower() not in endings:
                 file = Path(folder) / f"shape{_ending(path, endings)}"
-                file.symlink_to(path.resolve())
-            out = Path(folder) / "triangles.npz"
-            _run(path, [str(file), importer, str(out)])
-            with np.load(out, allow_pickle=False) as found:
-                vertices, triangles = found["vertices"], found["triangles"]
-        if not len(triangles):
-            raise InputError(f"{path} holds no visible mesh that Blender can import; export the mesh as GLB")
-        return Surface(vertices, triangles)
+                file.symlink_to(path.absolute())
+            found = arrays_of(
+                path, "recon.files.blender_import", str(file), importer, advice="export the mesh as GLB or OBJ"
+            )
+        if not len(found["triangles"]):
+            raise InputError(f"{path} holds no visible mesh that Blender can import; export the mesh as GLB or OBJ")
+        return Surface(found["vertices"], found["triangles"])
 
     return surface
 
@@ -67,26 +58,3 @@ def _ending(path: Path, endings: tuple[str, ...]) -> str:
     """The ending that goes with a file's first bytes."""
     with path.open("rb") as file:
         return {b"PK": ".usdz", b"PX": ".usdc"}.get(file.read(2), endings[0])
-
-
-def _run(path: Path, arguments: list[str]) -> None:
-    """Raises InputError when Blender fails."""
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "recon.files.blender_import", *arguments],
-            cwd=Path(__file__).resolve().parents[2],  # where this package is found, installed or not
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            stdin=subprocess.DEVNULL,
-            timeout=SECONDS,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as error:
-        raise InputError(
-            f"{path} kept Blender's importer busy for {SECONDS} s; decimate it, or export it as GLB"
-        ) from error
-    if done.returncode:
-        last = (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["it crashed"])[-1]
-        last = last.removesuffix(", see console for detail")
-        raise InputError(f"{path} cannot be imported by Blender ({last[:200]}); export the mesh as GLB")

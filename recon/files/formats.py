@@ -31,8 +31,8 @@ FORMATS: tuple[Format, ...] = (
     Format("FBX", blender.is_fbx, trimesh_files.describe("FBX"), blender.read("fbx", (".fbx",))),
     Format("Alembic", blender.is_alembic, trimesh_files.describe("Alembic"), blender.read("abc", (".abc",))),
     Format("Blender", blender.is_blend, trimesh_files.describe("Blender"), blender.read("blend", (".blend",))),
-    Format("LAS", scans.is_las, scans.describe_las, scans.read_las),
-    Format("E57", scans.is_e57, scans.describe_e57, scans.read_e57),
+    Format("LAS", scans.is_las, scans.describe_las, scans.read("laspy")),
+    Format("E57", scans.is_e57, scans.describe_e57, scans.read("pye57")),
     Format("COLLADA", trimesh_files.is_dae, trimesh_files.describe("COLLADA"), trimesh_files.read("dae"), _Y_UP),
     Format("OFF", trimesh_files.is_off, trimesh_files.describe("OFF"), trimesh_files.read("off"), _Y_UP),
     Format("STL", stl.is_text, stl.describe_text, stl.read_text),
@@ -84,7 +84,10 @@ def format_of(head: Head) -> Format | None:
     for unread in _UNREAD:
         if unread.begins(head.start):
             raise InputError(f"{head.path} is {unread.name}, which is not read here; {unread.advice}")
-    return next((f for f in FORMATS if f.matches(head)), None)
+    form = next((f for f in FORMATS if f.matches(head)), None)
+    if form is None and head.start[:2] == b"\x1f\x8b":
+        raise InputError(f"{head.path} is packed with gzip; unpack it and give what is inside")
+    return form
 
 
 def describe(head: Head, form: Format) -> Recognised:

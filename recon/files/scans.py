@@ -1,14 +1,21 @@
-"""Laser scans: LAS and LAZ by laspy, E57 by pye57. These packages are extras: pip install "nnproc-recon[scans]"."""
+"""Laser scans: LAS and LAZ by laspy, E57 by pye57. These packages are extras: pip install "nnproc-recon[scans]".
+
+A damaged file can end the process that decodes it, so that it is one of its own:
+`python -m recon.files.scans FILE PACKAGE OUT.npz`.
+"""
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
+import resource
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 from recon import limits
+from recon.files.child import arrays_of
 from recon.files.head import Head
 from recon.files.rows import kept
 from recon.files.shape import Cloud, Kind, Recognised, cloud_of
@@ -25,52 +32,65 @@ def is_e57(head: Head) -> bool:
 
 def describe_las(path: Path) -> Recognised:
     """From the header. Raises InputError without laspy."""
-    with _package("laspy", path).open(path) as file:
-        return Recognised(Kind.CLOUD, f"{cloud_of(file.header.point_count)} (LAS)")
-
-
-def read_las(path: Path) -> Cloud:
-    """Places in the file's units, at most limits.POINTS of them."""
-    with _package("laspy", path).open(path) as file:
-        keep, start, parts = kept(file.header.point_count, limits.POINTS), 0, [np.zeros((0, 3))]
-        for rows in file.chunk_iterator(limits.POINTS):
-            mine = keep[(keep >= start) & (keep < start + len(rows))] - start
-            parts.append(np.stack([np.asarray(rows[a], float)[mine] for a in "xyz"], 1))
-            start += len(rows)
-    return Cloud(np.concatenate(parts))
+    _required("laspy", path)
+    with path.open("rb") as file:
+        head = file.read(375)
+    old, new = int.from_bytes(head[107:111], "little"), int.from_bytes(head[247:255], "little")
+    return Recognised(Kind.CLOUD, f"{cloud_of(new if head[25] >= 4 else old)} (LAS)")
 
 
 def describe_e57(path: Path) -> Recognised:
-    """From the headers. Raises InputError without pye57."""
-    file = _package("pye57", path).E57(str(path))
-    try:
-        counts = [file.get_header(i).point_count for i in range(file.scan_count)]
-    finally:
-        file.close()
-    scans = f", {len(counts)} scans together" if len(counts) > 1 else ""
-    return Recognised(Kind.CLOUD, f"{cloud_of(sum(counts))} (E57{scans})")
+    """Raises InputError without pye57."""
+    _required("pye57", path)
+    return Recognised(Kind.CLOUD, "a point cloud (E57)")
 
 
-def read_e57(path: Path) -> Cloud:
-    """All scans in the file's own frame, at most limits.POINTS of their points. Raises InputError for huge scans."""
-    file = _package("pye57", path).E57(str(path))
-    try:
-        counts, parts = [file.get_header(i).point_count for i in range(file.scan_count)], [np.zeros((0, 3))]
-        if max(counts, default=0) > 2 * limits.FACES:
-            raise InputError(f"{path} has a scan of {max(counts):,} points, more than is read at once; thin it out")
-        for i, count in enumerate(counts):
-            rows = file.read_scan(i, ignore_missing_fields=True, transform=True)
-            found = np.stack([rows[f"cartesian{a}"] for a in "XYZ"], 1)
-            parts.append(found[kept(len(found), max(1, round(limits.POINTS * count / sum(counts))))])
-    finally:
-        file.close()
-    return Cloud(np.concatenate(parts))
+def read(package: str) -> Callable[[Path], Cloud]:
+    """A reader by this package: places in the file's frame and units, at most limits.POINTS of them."""
+
+    def cloud(path: Path) -> Cloud:
+        _required(package, path)
+        return Cloud(
+            arrays_of(path, "recon.files.scans", str(path.absolute()), package, advice="save it as PLY")["points"]
+        )
+
+    return cloud
 
 
-def _package(name: str, path: Path) -> ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
+def _required(package: str, path: Path) -> None:
+    if importlib.util.find_spec(package) is None:
         raise InputError(
-            f'{path} is a laser scan that needs {name}: pip install "nnproc-recon[scans]", or save it as PLY'
-        ) from error
+            f'{path} is a laser scan that needs {package}: pip install "nnproc-recon[scans]", or save it as PLY'
+        )
+
+
+def _las(file: str) -> np.ndarray:
+    import laspy
+
+    with laspy.open(file) as scan:
+        keep, start, parts = kept(scan.header.point_count, limits.POINTS), 0, [np.zeros((0, 3))]
+        for rows in scan.chunk_iterator(limits.POINTS):
+            mine = keep[(keep >= start) & (keep < start + len(rows))] - start
+            parts.append(np.stack([np.asarray(rows[a], float)[mine] for a in "xyz"], 1))
+            start += len(rows)
+    return np.concatenate(parts)
+
+
+def _e57(file: str) -> np.ndarray:
+    """All scans, each in its place."""
+    import pye57
+
+    scan, parts = pye57.E57(file), [np.zeros((0, 3))]
+    counts = [scan.get_header(i).point_count for i in range(scan.scan_count)]
+    if max(counts, default=0) > 2 * limits.FACES:
+        raise SystemExit(f"a scan of {max(counts):,} points is more than is read at once")
+    for i, count in enumerate(counts):
+        rows = scan.read_scan(i, ignore_missing_fields=True, transform=True)
+        found = np.stack([rows[f"cartesian{a}"] for a in "XYZ"], 1)
+        parts.append(found[kept(len(found), max(1, round(limits.POINTS * count / sum(counts))))])
+    return np.concatenate(parts)
+
+
+if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_AS, (limits.UNPACKED, limits.UNPACKED))
+    np.savez(sys.argv[3], points={"laspy": _las, "pye57": _e57}[sys.argv[2]](sys.argv[1]))

@@ -26,7 +26,8 @@ def is_splat(head: Head) -> bool:
     if head.size % _ROW.itemsize or head.size < 20 * _ROW.itemsize:
         return False
     rows = np.frombuffer(head.start[: len(head.start) // _ROW.itemsize * _ROW.itemsize], _ROW)
-    places, sigma = rows["at"].astype(float), rows["sigma"].astype(float)
+    with np.errstate(invalid="ignore"):
+        places, sigma = rows["at"].astype(float), rows["sigma"].astype(float)
     length = np.linalg.norm(rows["turn"] / 128 - 1.0, axis=1)
     good = np.isfinite(places).all(1) & (np.abs(places) < 1e6).all(1) & (sigma >= 0).all(1) & (sigma < 1e5).all(1)
     return bool((good & (np.abs(length - 1) < 0.1)).mean() > 0.95 and np.ptp(places, axis=0).max() > 1e-9)

@@ -7,6 +7,7 @@ logarithm), and quaternions as x, y, z (8 bits each) or, from version 3, as thei
 from __future__ import annotations
 
 import gzip
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
@@ -46,7 +47,7 @@ def is_spz(head: Head) -> bool:
     try:
         with gzip.open(head.path) as file:
             return file.read(4) == _MAGIC
-    except (OSError, EOFError):
+    except (OSError, EOFError, zlib.error):
         return False
 
 
@@ -99,8 +100,8 @@ def _packed(path: Path, header: _Header) -> list[np.ndarray]:
     sizes = np.frombuffer(data, "<u8", 2 * header.columns, header.table).reshape(-1, 2)
     at, out = header.table + 16 * header.columns, []
     for width, (size, _) in zip(header.widths, sizes, strict=False):
-        stream = zstandard.ZstdDecompressor().decompressobj().decompress(data[at : at + int(size)])
-        out.append(_column(stream, header.count, width))
+        with zstandard.ZstdDecompressor().stream_reader(data[at : at + int(size)]) as stream:
+            out.append(_column(stream.read(header.count * width), header.count, width))
         at += int(size)
     return out
 
