@@ -116,7 +116,7 @@ def _video(path: Path, head: bytes) -> Recognised | None:
 
 
 def _json(path: Path, head: bytes) -> Recognised | None:
-    """glTF's text form, or a transforms.json of known cameras."""
+    """A transforms.json of known cameras."""
     if head.lstrip()[:1] != b"{":
         return None
     try:
@@ -125,8 +125,6 @@ def _json(path: Path, head: bytes) -> Recognised | None:
         raise InputError(f"{path} is damaged JSON ({error})") from error
     if "frames" in content:
         return Recognised(Kind.CAMERAS, "a photo set with known cameras (transforms.json)")
-    if "asset" in content and ("meshes" in content or "nodes" in content):
-        return Recognised(Kind.MESH, "a mesh (glTF)")
     return None
 
 

@@ -47,7 +47,7 @@ def is_gltf(head: Head) -> bool:
         tree = json.loads(head.path.read_bytes().decode("utf-8-sig"))
     except (ValueError, RecursionError):
         return False
-    return isinstance(tree, dict) and isinstance(tree.get("asset"), dict) and "version" in tree["asset"]
+    return isinstance(tree, dict) and isinstance(tree.get("asset"), dict) and ("meshes" in tree or "nodes" in tree)
 
 
 def describe(path: Path) -> Recognised:
