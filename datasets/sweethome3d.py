@@ -97,8 +97,6 @@ def extract_model(path: Path, model: Model, folder: Path) -> Path:
     with _open(path) as archive:
         home = posixpath.dirname(model.member)
         files = _collect(archive, model.member, home)
-    if sum(len(data) for data in files.values()) > MAX_MODEL:
-        raise CatalogueError(f"{model.name}: more than {MAX_MODEL >> 20} MB of files")
     for member, data in files.items():
         target = folder / posixpath.relpath(member, home or ".")
         if not target.resolve().is_relative_to(folder.resolve()):
@@ -110,17 +108,26 @@ def extract_model(path: Path, model: Model, folder: Path) -> Path:
 
 def _collect(archive: zipfile.ZipFile, obj: str, home: str) -> dict[str, bytes]:
     """The bytes of an OBJ and of every file below its folder that it refers to, by member name."""
-    files = {obj: _read(archive, obj)}
+    files: dict[str, bytes] = {}
+    _add(files, archive, obj)
     for mtl in _references(files[obj], rb"mtllib"):
         found = _locate(archive, home, mtl)
         if found is None:
             continue
-        files[found] = _read(archive, found)
+        _add(files, archive, found)
         for texture in _references(files[found], rb"(?:map_\w+|bump|disp|refl)"):
             member = _locate(archive, home, texture)
             if member is not None and member not in files:
-                files[member] = _read(archive, member)
+                _add(files, archive, member)
     return files
+
+
+def _add(files: dict[str, bytes], archive: zipfile.ZipFile, member: str) -> None:
+    """One more member; raises CatalogueError before it is read when all together would be more than MAX_MODEL."""
+    declared = archive.getinfo(member).file_size if member in archive.namelist() else 0
+    if sum(map(len, files.values())) + declared > MAX_MODEL:
+        raise CatalogueError(f"{member}: more than {MAX_MODEL >> 20} MB of files")
+    files[member] = _read(archive, member)
 
 
 def _references(text: bytes, keyword: bytes) -> list[str]:

@@ -244,9 +244,9 @@ def test_ply_cut_short_or_claiming_too_much(tmp_path):
             with pytest.raises(InputError, match=r"chair\.ply is a damaged PLY file"):
                 read_mesh(path)
     path.write_bytes(ply().replace(b"element face 36", b"element face 10000000000"))
-    with pytest.raises(InputError, match=r"10,000,000,000 faces, more than the 20,000,000"):
+    with pytest.raises(InputError, match=r"10,000,000,000 faces or vertices, more than the 20,000,000"):
         recognise(path)
-    path.write_bytes(ply("binary_little_endian").replace(b"element vertex 48", b"element vertex 10000000000"))
+    path.write_bytes(ply("binary_little_endian").replace(b"element vertex 48", b"element vertex 10000000"))
     with pytest.raises(InputError, match="cut short"):
         read_mesh(path)
 
@@ -332,6 +332,15 @@ def test_what_blender_writes(tmp_path):
         read_mesh(cut)
 
 
+@pytest.mark.parametrize("link", ["../other.usda", "/tmp/other.usd", "https://example.org/other.usdz"])
+def test_usd_that_draws_on_files_outside_its_folder(tmp_path, link):
+    path = tmp_path / "chair.usda"
+    path.write_text(f'#usda 1.0\ndef Xform "a" (references = @{link}@) {{}}\n')
+    assert recognise(path).kind == Kind.MESH
+    with pytest.raises(InputError, match="outside its folder and is not followed"):
+        read_mesh(path)
+
+
 @pytest.mark.parametrize(
     ("content", "advice"),
     [
@@ -346,4 +355,18 @@ def test_formats_that_are_known_and_not_read(tmp_path, content, advice):
     path = tmp_path / "chair.dat"
     path.write_bytes(content)
     with pytest.raises(InputError, match=advice):
+        recognise(path)
+
+
+def test_a_mesh_of_too_many_vertices_is_not_thinned_but_refused(tmp_path, monkeypatch):
+    """Faces would name other vertices."""
+    monkeypatch.setattr("recon.limits.FACES", 40)
+    path = tmp_path / "chair.dat"
+    for content in (ply(), ply("binary_little_endian", faces="strips")):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="48 faces or vertices, more than the 40"):
+            recognise(path)
+    with path.open("wb") as file:
+        np.savez(file, vertices=VERTICES, faces=CHAIR)
+    with pytest.raises(InputError, match="72 faces or vertices, more than the 40"):
         recognise(path)

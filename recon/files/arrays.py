@@ -164,7 +164,7 @@ def _as_shape(path: Path, array: Array, faces: Array | None) -> Chosen | None:
     rows, width = (shape[1], shape[0]) if across else shape
     said = cloud_of(rows) + (f" (array {array.name!r})" if array.name else "")
     if faces is not None and array.name.rsplit("/", 1)[-1].lower() in POINTS:
-        not_too_many(path, max(faces.shape))
+        not_too_many(path, max(*faces.shape, rows))
         return Chosen(flat, Kind.MESH, f"a mesh of {faces.shape[0]:,} faces (numpy)", rows, across=across, faces=faces)
     return Chosen(
         flat, Kind.CLOUD, said + (f", the first three of {width} columns" if width > 3 else ""), rows, across=across

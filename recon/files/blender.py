@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from recon import limits
 from recon.files.child import arrays_of
 from recon.files.head import Head
 from recon.files.shape import Surface
@@ -39,6 +41,7 @@ def read(importer: str, endings: tuple[str, ...]) -> Callable[[Path], Surface]:
     """A reader by one of recon.files.blender_import's importers, which wants one of these endings of a file's name."""
 
     def surface(path: Path) -> Surface:
+        _checked_links(path)
         with tempfile.TemporaryDirectory() as folder:
             file = path.absolute()
             if path.suffix.lower() not in endings:
@@ -52,6 +55,20 @@ def read(importer: str, endings: tuple[str, ...]) -> Callable[[Path], Surface]:
         return Surface(found["vertices"], found["triangles"])
 
     return surface
+
+
+def _checked_links(path: Path) -> None:
+    """Raises InputError when USD in text draws on files outside its folder."""
+    with path.open("rb") as file:
+        if file.read(5) != b"#usda":
+            return
+        text = file.read(limits.SCENE).decode("utf-8", "replace")
+    folder = Path(os.path.abspath(path.parent))
+    for link in re.findall(r"@([^@\n]+\.usd[acz]?)@", text):
+        if "://" in link or not Path(os.path.normpath(folder / link)).is_relative_to(folder):
+            raise InputError(
+                f"{path} names {link}, which lies outside its folder and is not followed; put it beside it"
+            )
 
 
 def _ending(path: Path, endings: tuple[str, ...]) -> str:

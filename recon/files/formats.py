@@ -61,7 +61,11 @@ _UNREAD = (
     Unread("an IGES file of a CAD program", lambda b: b[72:80] == b"S      1", "export its mesh as STL or GLB"),
     Unread("a DXF drawing", lambda b: b.split(None, 2)[:2] == [b"0", b"SECTION"], "export its mesh as STL or OBJ"),
     Unread("a DWG drawing", lambda b: b[:4] == b"AC10", "export its mesh as STL or OBJ"),
-    Unread("a 3ds Max file", lambda b: b[:8] == b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "export it as FBX or OBJ"),
+    Unread(
+        "a file of 3ds Max (or an old Office document)",
+        lambda b: b[:8] == b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1",
+        "export it as FBX or OBJ",
+    ),
     Unread(
         "a SketchUp file",
         lambda b: b"SketchUp Model" in b[:80] or "SketchUp".encode("utf-16-le") in b[:80],
@@ -69,7 +73,9 @@ _UNREAD = (
     ),
     Unread("a Rhino file", lambda b: b[:16] == b"3D Geometry File", "export its mesh as OBJ or STL"),
     Unread("a VRML or X3D file", lambda b: b[:5] == b"#VRML" or b"<X3D" in b[:4096], "export it as OBJ or GLB"),
-    Unread("a 3DS file", lambda b: b[:2] == b"MM" and b[6:8] == b"\x02\x00", "export it as OBJ or GLB"),
+    Unread(
+        "a 3DS file", lambda b: b[:2] == b"MM" and b[2:4] != b"\0*" and b[6:8] == b"\x02\x00", "export it as OBJ or GLB"
+    ),
     Unread("a PDF", lambda b: b[:5] == b"%PDF-", "give the model itself"),
     Unread(
         "a RAR or 7z archive",

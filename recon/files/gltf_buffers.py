@@ -109,7 +109,7 @@ class Buffers:
         if packed and not self._is_there(said["buffer"]):
             raise InputError(
                 f"{self.path} is packed with meshopt ({packed}), which is not read here; unpack it, as with "
-                "`gltf-transform copy in.glb out.glb`, or import it into a modeller and export it without compression"
+                "`gltfpack -noq -i in.glb -o out.glb`, or export it without compression"
             )
         start, size = int(said.get("byteOffset", 0)), int(said["byteLength"])
         data = self._buffer(said["buffer"])[start : start + size]

@@ -22,7 +22,8 @@ def describe(path: Path) -> Recognised:
     header = header_of(path)
     vertex = header.element("vertex")
     faces, names = header.element("face").count, set(vertex.names)
-    not_too_many(path, faces)
+    whole = bool(faces) or "tristrips" in (e.name for e in header.elements) or names >= set(PACKED)
+    not_too_many(path, max(faces, vertex.count) if whole else 0)
     if header.element("tristrips").count and not faces:
         return Recognised(Kind.MESH, "a mesh of triangle strips (PLY)")
     if faces:

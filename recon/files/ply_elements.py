@@ -114,6 +114,7 @@ def columns_of(path: Path, header: Header, wanted: tuple[str, ...], most: int) -
     Raises ValueError when the file is cut short or holds what is no number.
     """
     out: dict[str, dict[str, Column]] = {}
+    wanted = tuple(e.name for e in header.elements if e.name in wanted)
     with path.open("rb") as file:
         file.seek(header.offset)
         if not header.order:

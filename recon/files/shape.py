@@ -117,6 +117,6 @@ def not_too_many(path: Path, faces: int) -> None:
     """Raises InputError when a mesh has more faces than memory holds."""
     if faces > limits.FACES:
         raise InputError(
-            f"{path} is a mesh of {faces:,} faces, more than the {limits.FACES:,} that are read here; decimate it, or "
-            "give its points as a cloud"
+            f"{path} has {faces:,} faces or vertices, more than the {limits.FACES:,} that are read here; decimate it, "
+            "or save its points alone"
         )

@@ -51,6 +51,7 @@ def read(file_type: str) -> Callable[[Path], Surface]:
     """All triangles of the scene; file_type as trimesh calls it."""
 
     def surface(path: Path) -> Surface:
-        return Surface(*scene_triangles(path, file_type))
+        with path.open("rb") as file:  # without its name no texture or other file is looked for
+            return Surface(*scene_triangles(file, file_type))
 
     return surface
