@@ -38,27 +38,44 @@ def cleaned(
     noisy  whether there may be outliers
     Raises InputError, naming the file, when too little is left to be a shape.
     """
+    said: list[str] = []
+    points = _usable(points, path, options.least_points, said)
+    if len(points) > most:
+        points = points[np.random.default_rng(seed).permutation(len(points))[:most]]
+    # Many equal points would make all others outliers.
+    points = points[np.sort(np.unique(points, axis=0, return_index=True)[1])]
+    if noisy and len(points) > 1:
+        points = _without_outliers(points, options.outlier, said)
+    _check_extent(points, path)
+    points = _without_floor(points, ups, options, said)
+    return _largest(points, said), said
+
+
+def _usable(points: np.ndarray, path: Path, least: int, said: list[str]) -> np.ndarray:
+    """Without what is no number, and without the origin where a scanner wrote it again and again: it saw nothing."""
     finite = (np.abs(points) < LARGEST).all(1)  # NaN is not smaller
-    if (bad := int((~finite).sum())) > len(points) / 2:
+    bad, usable = int((~finite).sum()), points[finite]
+    if len(usable) < least and bad > len(points) / 2:
         raise InputError(f"{path}: {bad:,} of {len(points):,} points are not numbers; export it again")
-    points = points[finite]
-    if len(points) < options.least_points:
-        raise InputError(
-            f"{path} has {len(points)} usable points; a shape needs {options.least_points}, better 500 or more"
-        )
+    if bad:
+        said.append(f"{bad:,} points that are not numbers are left out")
+    nothing = (usable == 0).all(1)
+    if nothing.sum() > 1 and not nothing.all():
+        said.append(f"{nothing.sum():,} points at 0, 0, 0, which stand for nothing seen, are left out")
+        usable = usable[~nothing]
+    if len(usable) < least:
+        raise InputError(f"{path} has {len(usable)} usable points; a shape needs {least}, better 500 or more")
+    return usable
+
+
+def _check_extent(points: np.ndarray, path: Path) -> None:
+    """Raises InputError for points in one place or on one line."""
     extent = float(np.ptp(points, axis=0).max())
     if not extent > max(1e-30, 1e-12 * float(np.abs(points).max())):
         raise InputError(f"{path}: all points lie in one place; give the whole surface of the object")
     spread = np.linalg.svd(points[:: max(1, len(points) // 5000)] - points.mean(0), compute_uv=False)
-    if spread[1] <= 1e-6 * spread[0]:
+    if len(spread) < 2 or spread[1] <= 1e-6 * spread[0]:
         raise InputError(f"{path}: all points lie on one line; give the whole surface of the object")
-    said = [f"{bad:,} points that are not numbers are left out"] if bad else []
-    if len(points) > most:
-        points = points[np.random.default_rng(seed).permutation(len(points))[:most]]
-    if noisy:
-        points = _without_outliers(points, options.outlier, said)
-    points = _without_floor(points, ups, options, said)
-    return _largest(points, said), said
 
 
 def _without_outliers(points: np.ndarray, limit: float, said: list[str]) -> np.ndarray:

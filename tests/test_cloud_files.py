@@ -373,3 +373,18 @@ def test_extreme_coordinates(tmp_path, points):
         np.save(path, wrong)
         with pytest.raises(InputError, match=reason):
             shapes.run(path, Kind.CLOUD, "points")
+
+
+def test_what_a_scanner_writes_where_it_sees_nothing(tmp_path, points):
+    """Most of an organised scan may be zeros or no numbers; the rest is the object."""
+    from recon import shapes
+
+    path = tmp_path / "a.npy"
+    for nothing in (0.0, np.nan):
+        np.save(path, np.concatenate([points + np.array((0, 0, 1)), np.full((3000, 3), nothing)]))
+        target = shapes.run(path, Kind.CLOUD, "points")
+        assert "3,000 points" in target.warnings[0]
+        np.testing.assert_allclose(np.ptp(target.points, axis=0), np.ptp(points, axis=0), atol=0.05)
+    np.save(path, np.concatenate([points, np.repeat(points[:1], 3000, 0)]))
+    target = shapes.run(path, Kind.CLOUD, "points")
+    np.testing.assert_allclose(np.ptp(target.points, axis=0), np.ptp(points, axis=0), atol=0.05)
