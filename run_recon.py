@@ -46,6 +46,10 @@ def parser() -> argparse.ArgumentParser:
         metavar="PATH",
         help="known cameras of photos or a splat: COLMAP model or transforms.json",
     )
+    p.add_argument("--allow-outside", action="store_true", help="follow a camera file to images outside its folder")
+    p.add_argument(
+        "--turntable", action="store_true", help="the object turned before a still camera; needs masks or transparency"
+    )
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
     p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
     p.add_argument("--frames", type=int, default=40, metavar="N", help="of a video, that are used (default 40)")
@@ -119,6 +123,7 @@ def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
     from recon import from_image, inputs, one_mask, pipeline
     from recon.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.one_mask import parse_box
+    from recon.poses import PosesOptions
     from recon.video import VideoOptions
 
     lens = {
@@ -136,7 +141,9 @@ def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
         force=args.force,
         start=args.start,
         cameras=args.cameras,
+        allow_outside=args.allow_outside,
         look_for_cameras=args.input in (None, inputs.Kind.CAMERAS),
+        poses=PosesOptions(turntable=args.turntable),
         video=VideoOptions(count=args.frames),
         **both,
     )

@@ -33,7 +33,9 @@ def run(poses: Poses, silhouettes: Silhouettes, options: AlignOptions = AlignOpt
     """
     if silhouettes.floor is None:
         raise ReconstructionError(
-            "no floor was found under the object, so up is unknown; photograph more of the floor around it"
+            "up is unknown: no floor was found, and the silhouettes have no common inside that could stand on one (are "
+            "the cameras right, and do all masks show one object?); photograph more of the floor around it, or give "
+            "better masks with --masks"
         )
     used = np.flatnonzero(silhouettes.used)
     cameras = poses.cameras.subset(used)
@@ -68,7 +70,10 @@ def looked_at(cameras: Cameras, masks: list[np.ndarray]) -> np.ndarray:
         ray = pose[:3, :3].T @ np.linalg.solve(K, [columns.mean() + 0.5, rows.mean() + 0.5, 1.0])
         directions.append(ray / np.linalg.norm(ray))
     projectors = np.eye(3) - np.einsum("vi,vj->vij", directions, directions)
-    return np.linalg.solve(projectors.sum(0), np.einsum("vij,vj->i", projectors, centres))
+    # The small pull to the centres' mean keeps the system solvable for parallel rays.
+    pull = 1e-9 * np.eye(3)
+    both = np.einsum("vij,vj->i", projectors, centres) + pull @ centres.mean(0)
+    return np.linalg.solve(projectors.sum(0) + pull, both)
 
 
 def floor_frame(floor: np.ndarray, above: np.ndarray) -> np.ndarray:

@@ -5,43 +5,67 @@ from __future__ import annotations
 import os
 import shutil
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import ExifTags, Image
 
 from recon.camera_records import CameraRecords
+from recon.folders import entries, is_file, lies_in
 from recon.manifest import is_own_picture
 from recon.names import unique
 from recon.photo import ENDINGS, FORMATS
+from recon.scene import InputError, Lens
 
 # Clockwise quarter turns that bring an image as stored upright, by EXIF orientation (mirrored ones are not cameras').
 _TURNS = {1: 0, 6: 1, 3: 2, 8: 3}
 
+_ENDINGS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG")
+
 
 class Library:
-    """Finds the images that a camera file names."""
+    """Finds the images that a camera file names: in and around INPUT and the file's own folder.
 
-    def __init__(self, photos: Path, source: Path) -> None:
+    photos   INPUT; source the file or folder of the cameras
+    outside  whether a file may name images anywhere else (absolute paths, "..")
+    """
+
+    def __init__(self, photos: Path, source: Path, outside: bool = False) -> None:
         base = source if source.is_dir() else source.parent
         around = [photos if photos.is_dir() else photos.parent, base]
         around += [base.parents[i] for i in range(min(3, len(base.parents)))] if source.is_dir() else []
+        self.source, self.outside = source, outside
         self.roots = list(dict.fromkeys(r for a in around for r in (a, a / "images") if r.is_dir()))
-        own = photos if photos.is_dir() else base
-        files = [p for r in (own, own / "images") if r.is_dir() for p in sorted(r.iterdir()) if p.is_file()]
+        self.own = photos if photos.is_dir() else base
+        files = [p for r in (self.own, self.own / "images") if r.is_dir() for p in entries(r) if is_file(p)]
         files = [p for p in files if not is_own_picture(p)]
         self.by_name = {p.name.lower(): p for p in reversed(files)}
         self.by_stem = {p.stem.lower(): p for p in reversed(files) if p.suffix.lower() in ENDINGS}
 
     def find(self, name: str) -> Path | None:
-        """By path, by path without ending (NeRF leaves it out), by name, then by name with another ending."""
+        """By path, by path without ending (NeRF leaves it out), by name, then by name with another ending.
+
+        Raises InputError for an image that is only there where the file must not lead.
+        """
         relative = Path(name.lstrip("/")) if not Path(name).is_absolute() else Path(name)
-        for root in self.roots:
-            for ending in ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG"):
-                if (found := root / f"{relative}{ending}").is_file():
-                    return found
+        written = [root / f"{relative}{ending}" for root in self.roots for ending in _ENDINGS]
+        found = [p for p in written if is_file(p)]
+        if inside := [p for p in found if self.outside or any(lies_in(p, root) for root in self.roots)]:
+            return inside[0]
         last = relative.name.lower()
-        return self.by_name.get(last) or self.by_stem.get(last) or self.by_stem.get(Path(last).stem)
+        named = self.by_name.get(last) or self.by_stem.get(last) or self.by_stem.get(Path(last).stem)
+        if named is None and found:
+            raise InputError(
+                f"{self.source} names {name}, which lies outside its folder and INPUT; put the photos into one of "
+                "them, or say --allow-outside"
+            )
+        return named
+
+    def photos(self) -> list[str]:
+        """Names of the folder's photos, or of those in its folder images/ when it has one."""
+        folder = self.own / "images" if (self.own / "images").is_dir() else self.own
+        return [p.name for p in entries(folder) if is_file(p) and p.suffix.lower() in ENDINGS]
 
     def others(self, used: list[Path | None]) -> list[str]:
         """Names of the folder's photos that are none of the `used` files."""
@@ -69,23 +93,25 @@ def _size(path: Path) -> tuple[tuple[int, int], int] | None:
         return None
 
 
-def upright(records: CameraRecords, i: int, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Size, K and cam_from_world for the upright photo; None when the photo does not have the camera's shape."""
+def upright(
+    records: CameraRecords, i: int, path: Path
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Lens | None] | None:
+    """Size, K, cam_from_world and lens for the upright photo; None when it does not have the camera's shape."""
     seen = _size(path)
     if seen is None:
         return None
     (width, height), turns = seen
-    size, K, pose = records.sizes[i], records.K[i], records.cam_from_world[i]
+    size, K, pose, lens = records.sizes[i], records.K[i], records.cam_from_world[i], records.lenses[i]
     lying = (height, width) if turns % 2 else (width, height)
     if _same_shape(size, lying) and turns != 2:
-        return size, K, pose
+        return size, K, pose, lens
     if not _same_shape(size, (width, height)):
         return None
     for _ in range(turns):  # a turn by 90 degrees clockwise: pixel (u, v) goes to (h - v, u)
         quarter = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
         K = np.array([[K[1, 1], 0, size[1] - K[1, 2]], [0, K[0, 0], K[0, 2]], [0, 0, 1]])
         pose, size = quarter @ pose, size[::-1]
-    return size, K, pose
+    return size, K, pose, None if lens is None else replace(lens, turns=turns)
 
 
 def _same_shape(a: np.ndarray, b: tuple[int, int]) -> bool:

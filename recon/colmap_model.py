@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from recon.camera_records import MODELS, CameraRecords, lens, read_bytes
+from recon.camera_records import CameraRecords, read_bytes
+from recon.lenses import lens, models
 from recon.scene import InputError
 
 MOST_POINTS = 200_000  # more are thinned out evenly: floor and walls do not need them
@@ -59,6 +60,8 @@ def read(folder: Path) -> CameraRecords:
         if len(found) > 2:
             points = (_points_bin if binary else _points_txt)(read_bytes(found[2]))
         return _records(cameras, sorted(images, key=lambda i: i.name), points)
+    except InputError as error:
+        raise InputError(f"the COLMAP model in {folder}: {error}") from error
     except (struct.error, ValueError, IndexError, KeyError, UnicodeDecodeError, OverflowError, MemoryError) as error:
         raise InputError(f"the COLMAP model in {folder} is damaged or cut off ({error})") from error
 
@@ -87,9 +90,8 @@ def _records(cameras: dict[int, _Camera], images: list[_Image], points: _Points)
     return CameraRecords(
         tuple(i.name.replace("\\", "/") for i in images),
         np.array([cameras[i.camera].size for i in images], int).reshape(-1, 2),
-        np.array([one.K for one in lenses]).reshape(-1, 3, 3),
-        np.array([one.k1 for one in lenses], float),
-        np.array([one.left_over for one in lenses], float),
+        np.array([K for K, _ in lenses]).reshape(-1, 3, 3),
+        tuple(bends for _, bends in lenses),
         poses,
         xyz[keep],
         tracks,
@@ -100,12 +102,16 @@ def _records(cameras: dict[int, _Camera], images: list[_Image], points: _Points)
 
 
 def _cameras_bin(data: bytes) -> dict[int, _Camera]:
-    (count,), at, out = struct.unpack_from("<Q", data), 8, {}
+    (count,), at, out, known = struct.unpack_from("<Q", data), 8, {}, models()
     for _ in range(count):
         number, model, width, height = struct.unpack_from("<iiQQ", data, at)
-        if model not in MODELS:
-            raise ValueError(f"camera model number {model}")
-        name, size = MODELS[model]
+        if model not in known:
+            # The next camera begins where this one's parameters end, and how many it has is not known.
+            raise InputError(
+                f"COLMAP's camera model number {model} is not known here (0 to {max(known)} are); "
+                'undistort the model with "colmap image_undistorter", and give that one'
+            )
+        name, size = known[model]
         params = np.array(struct.unpack_from(f"<{size}d", data, at + 24))
         out[number], at = _Camera(name, (width, height), params), at + 24 + 8 * size
     return out

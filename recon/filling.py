@@ -70,7 +70,7 @@ def merged(given: Poses, found: Poses) -> Poses:
         np.concatenate([given.cameras.cam_from_world, added]),
         np.concatenate([given.cameras.sizes, found.cameras.sizes[new]]),
     )
-    lens = [np.zeros(len(p.cameras)) if p.distortion is None else p.distortion for p in (given, found)]
+    lenses = [p.lenses or (None,) * len(p.cameras) for p in (given, found)]
     unseen = np.zeros((len(given.points), len(new)), bool)
     return replace(
         given,
@@ -78,7 +78,7 @@ def merged(given: Poses, found: Poses) -> Poses:
         paths=given.paths + tuple(found.paths[i] for i in new),
         tracks=np.concatenate([given.tracks, unseen], 1),
         unregistered=tuple(n for n in given.unregistered if n not in cameras.names),
-        distortion=np.concatenate([lens[0], lens[1][new]]),
+        lenses=lenses[0] + tuple(lenses[1][i] for i in new),
     )
 
 

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.manifest import is_own_picture
 from recon.photo import Photo, UnreadablePhoto, read_photo
+from recon.photo_folder import choose
 from recon.scene import Frames, InputError
+from recon.video import is_video
 
 log = logging.getLogger("recon.frames")
 
 THUMB = 24  # px, side of the square thumbnails that photos are compared by
-VIDEO = {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mts"}
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ def run(input_dir: Path, workdir: Path, options: FramesOptions = FramesOptions()
     Photos are recognised by their content. Those that cannot be used are in `Frames.skipped` with the reason, and so
     are repetitions of a photo. Raises InputError when nothing usable is left.
     """
-    files = _files(input_dir)
+    choice = choose(input_dir)
+    files = choice.files
     out = workdir / "frames"
     if out.resolve() in (input_dir.resolve(), *input_dir.resolve().parents):
         raise InputError(f"{input_dir} is inside the work folder's own {out}; move the photos elsewhere")
@@ -59,6 +60,7 @@ def run(input_dir: Path, workdir: Path, options: FramesOptions = FramesOptions()
         raise InputError(_nothing_usable(input_dir, files, skipped))
     photos, repeated = _without_repetitions(kept, options.same_difference)
     skipped += repeated
+    log.info("%d of %d pictures are used", len(photos), len(photos) + len(skipped))
     for name, reason in skipped:
         log.warning("%s is skipped: %s", name, reason)
     if len(photos) == 1 and len(kept) > 1:
@@ -68,7 +70,6 @@ def run(input_dir: Path, workdir: Path, options: FramesOptions = FramesOptions()
             f"there is only one usable photo ({photos[0].name}), and a single photo needs a mask: give one "
             "(white = object), a PNG whose background is transparent, or 20 to 60 photos from all round"
         )
-    log.info("%d photos read, %d skipped", len(photos), len(skipped))
     return _frames(photos, skipped)
 
 
@@ -84,30 +85,6 @@ class _Kept:
     sharpness: float
     alpha: Path | None
     thumb: np.ndarray
-
-
-def _files(source: Path) -> list[Path]:
-    """The visible files of a folder in natural order (photo2 before photo10), or the one file given."""
-    if source.is_file():
-        return [source]
-    if not source.exists():
-        raise InputError(f"the folder {source} does not exist; give the folder that holds the photos")
-    try:
-        entries = [p for p in source.iterdir() if not (p.name.startswith(".") or is_own_picture(p))]
-    except OSError as error:
-        raise InputError(f"the folder {source} cannot be read: {error.strerror or error}") from error
-    files = sorted((p for p in entries if p.is_file()), key=_natural)
-    if not files:
-        folders = sorted(p.name for p in entries if p.is_dir())
-        hint = f"; it holds folders, give one of them: {', '.join(folders[:5])}" if folders else ""
-        raise InputError(f"the folder {source} is empty{hint}")
-    return files
-
-
-def _natural(path: Path) -> tuple[list[tuple[int, int, str]], str]:
-    """Sort key: runs of digits compare as numbers; the name itself decides between 1.jpg and 01.jpg."""
-    parts = re.findall(r"[0-9]+|[^0-9]+", path.name.lower())
-    return [(0, int(p), "") if p[0] in "0123456789" else (1, 0, p) for p in parts], path.name
 
 
 def _copy(index: int, file: Path, out: Path, options: FramesOptions) -> _Kept | UnreadablePhoto | None:
@@ -168,12 +145,13 @@ def _nothing_usable(source: Path, files: list[Path], skipped: list[tuple[str, st
     if skipped:
         listed = "; ".join(f"{name}: {reason}" for name, reason in skipped[:5])
         return f"none of the {len(skipped)} photos in {source} can be used ({listed})"
-    video = next((f.name for f in files if f.suffix.lower() in VIDEO), None)
+    video = next((f.name for f in files if is_video(f)), None)
     if video:
         return f"{video} is a video; give the video itself instead of the folder {source}"
     named = ", ".join(f.name for f in files[:3]) + (", ..." if len(files) > 3 else "")
     return (
-        f"there is no photo among the {len(files)} files in {source} ({named}); JPEG, PNG, HEIC, WebP and TIFF are read"
+        f"there is no photo among the {len(files)} files in {source} ({named}); JPEG, PNG, HEIC, AVIF, WebP, "
+        "TIFF, JPEG 2000 and raw photos are read"
     )
 
 

@@ -134,7 +134,7 @@ def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneV
         try:
             whole = int(size[0]), int(size[1])
             mask, known = read_mask(folder / name, whole), one_mask.told(folder / name, whole)
-            mask, notes = one_mask.checked(mask if known is None else mask & known, name)
+            mask, notes = one_mask.checked(mask, name, known)
         except BadMask as error:
             raise InputError(f"a mask cannot be used: {error}") from error
         warnings += notes

@@ -6,7 +6,8 @@ import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from recon import known_cameras, splat_views, video
+from recon import known_cameras, splat_views, video, zipped
+from recon.folders import is_file
 from recon.scene import InputError
 from recon.store import digest, folder_digest
 
@@ -35,6 +36,8 @@ def check(source: Path, cameras: Path | None) -> None:
         known_cameras.required(cameras)
     if video.is_video(source):
         return video.check(source)
+    if is_file(source) and zipped.photos_in(source):
+        return None
     if source.is_dir() or (source.is_file() and known_cameras.find(source) is not None):
         return
     if cameras is not None and source.is_file() and splat_views.is_splat(source):
@@ -50,6 +53,7 @@ def run(
     options: video.VideoOptions,
     force: bool = False,
     look_for_cameras: bool = True,
+    outside: bool = False,
 ) -> Photos:
     """The photos of a source; frames of a video go to `work`/video, links to photos with cameras to `work`/given.
 
@@ -57,10 +61,13 @@ def run(
 
     cameras  a COLMAP model's folder or a transforms.json; None: one that `source` itself is or holds is used, if
              `look_for_cameras`
+    outside  whether a camera file may name images beyond its own folder and `source`
     Raises InputError.
     """
     if cameras is not None and source.is_file() and splat_views.is_splat(source):
         return replace(_known(splat_views.gather(source, cameras, work / FOLDER)), views="views of the splat")
+    if is_file(source) and zipped.photos_in(source):
+        source = zipped.unpack(source, work / "unzipped")
     folder, warnings = source, ()  # type: tuple[Path, tuple[str, ...]]
     if video.is_video(source):
         folder = work / "video"
@@ -72,7 +79,7 @@ def run(
         found = known_cameras.find(source)
     if found is None:
         return Photos(folder, None, folder_digest(folder), warnings)
-    return _known(known_cameras.gather(folder, found, work / FOLDER), warnings)
+    return _known(known_cameras.gather(folder, found, work / FOLDER, outside), warnings)
 
 
 def _known(given: known_cameras.Given, warnings: tuple[str, ...] = ()) -> Photos:

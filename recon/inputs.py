@@ -11,18 +11,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon.files import formats
+from recon import photo_folder, zipped
+from recon.files import camera_table, formats
 from recon.files.head import head_of
 from recon.files.shape import SHAPES, Kind, Recognised
-from recon.manifest import is_own_picture
+from recon.photo import UnreadablePhoto, opened
+from recon.raw_photo import is_raw
 from recon.scene import InputError
+from recon.video import is_container
 from recon.whole_files import read_picture
 
 __all__ = ["SHAPES", "Kind", "Recognised", "recognise"]
 log = logging.getLogger("recon")
-
-COLMAP_FOLDERS = (".", "sparse", "sparse/0", "colmap/sparse/0", "cameras")
-PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".webp", ".tif", ".tiff", ".bmp")
 
 
 def recognise(path: Path, forced: str | None = None) -> Recognised:
@@ -51,27 +51,24 @@ def recognise(path: Path, forced: str | None = None) -> Recognised:
 
 def _folder(path: Path) -> Recognised:
     """A folder of photos or masks, with or without known cameras."""
-    if any((path / name).is_file() for name in ("transforms.json", "transforms_train.json")):
-        return Recognised(Kind.CAMERAS, "a photo set with known cameras (transforms.json)")
-    for folder in COLMAP_FOLDERS:
-        if any((path / folder / f"cameras{e}").is_file() and (path / folder / f"images{e}").is_file() for e in _COLMAP):
-            return Recognised(Kind.CAMERAS, "a photo set with known cameras (a COLMAP model)")
-    pictures = sorted(
-        p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file() and not is_own_picture(p)
-    )
+    if (found := camera_table.find(path)) is not None:
+        return Recognised(Kind.CAMERAS, f"a photo set with known cameras ({found[1].describe})")
+    choice = photo_folder.choose(path)
+    pictures = choice.photos()
     if pictures and all(_two_valued(p) for p in pictures[:12]):
-        return Recognised(Kind.MASKS, f"a folder of {len(pictures)} masks")
-    return Recognised(Kind.PHOTOS, f"a folder of {len(pictures)} photos")
-
-
-_COLMAP = (".bin", ".txt")
+        return Recognised(Kind.MASKS, f"a folder of {len(pictures)} masks{choice.said()}")
+    return Recognised(Kind.PHOTOS, f"a folder of {len(pictures)} photos{choice.said()}")
 
 
 def _two_valued(path: Path) -> bool:
     """Whether a picture is black and white without colours and greys: a mask."""
     if path.suffix.lower() not in (".png", ".bmp", ".tif", ".tiff"):
         return False
-    image = read_picture(path, cv2.IMREAD_UNCHANGED)
+    try:
+        with opened(path):  # which looks at the size first
+            image = read_picture(path, cv2.IMREAD_UNCHANGED)
+    except (UnreadablePhoto, OSError, SyntaxError, ValueError, cv2.error):
+        return False
     if image is None or (image.ndim == 3 and image.shape[2] != 3):
         return False  # an alpha channel makes a photo with its own mask
     grey = image if image.ndim == 2 else image[..., 0]
@@ -86,6 +83,8 @@ def _file(path: Path) -> Recognised:
     head = head_of(path)
     if not head.size:
         raise InputError(f"{path} is empty")
+    if (cameras := _known_cameras(path, head.start)) is not None:
+        return cameras
     if (form := formats.format_of(head)) is not None:
         return formats.describe(head, form)
     for look in _LOOKS:
@@ -102,6 +101,7 @@ def _picture(path: Path, head: bytes) -> Recognised | None:
     brand = head[8:12] if head[4:8] == b"ftyp" else b""
     still = brand in (b"heic", b"heix", b"mif1", b"msf1", b"avif", b"heim", b"heis")
     known = head[:3] == b"\xff\xd8\xff" or head[:8] == b"\x89PNG\r\n\x1a\n" or head[:2] == b"BM"
+    known = known or head[:12] == b"\0\0\0\x0cjP  \r\n\x87\n" or head[:4] == b"\xff\x4f\xff\x51" or is_raw(path)
     known = known or head[:4] in (b"II*\0", b"MM\0*") or (head[:4] == b"RIFF" and head[8:12] == b"WEBP")
     if not (known or still):
         return None
@@ -109,31 +109,35 @@ def _picture(path: Path, head: bytes) -> Recognised | None:
 
 
 def _video(path: Path, head: bytes) -> Recognised | None:
-    avi = head[:4] == b"RIFF" and head[8:12] == b"AVI "
-    if avi or head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free") or head[:4] in (b"\x1aE\xdf\xa3", b"OggS"):
-        return Recognised(Kind.VIDEO, "a video")
-    return None
+    return Recognised(Kind.VIDEO, "a video") if is_container(path) else None
+
+
+def _known_cameras(path: Path, head: bytes) -> Recognised | None:
+    found = camera_table.find(path)
+    if found is None and path.suffix.lower() == ".json" and b'"frames"' in head:
+        return Recognised(Kind.CAMERAS, "a photo set with known cameras (transforms.json)")  # damaged, which is said
+    return None if found is None else Recognised(Kind.CAMERAS, f"known cameras of photos ({found[1].describe})")
 
 
 def _json(path: Path, head: bytes) -> Recognised | None:
-    """A transforms.json of known cameras."""
+    """JSON of something else, or damaged."""
     if head.lstrip()[:1] != b"{":
         return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        json.loads(path.read_bytes())
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is damaged JSON ({error})") from error
-    if "frames" in content:
-        return Recognised(Kind.CAMERAS, "a photo set with known cameras (transforms.json)")
     return None
 
 
 def _archive(path: Path, head: bytes) -> Recognised | None:
-    """A zip archive of something else."""
+    """A zip archive of photos, or of something else."""
     if head[:4] != b"PK\x03\x04":
         return None
+    if photos := zipped.photos_in(path):
+        return Recognised(Kind.PHOTOS, f"a zip file of {photos} photos")
     if zipfile.is_zipfile(path):
-        raise InputError(f"{path} is a zip file without numpy arrays; unpack it and give what is inside")
+        raise InputError(f"{path} is a zip file without photos and numpy arrays; unpack it and give what is inside")
     raise InputError(f"{path} is a zip file that is damaged or cut short; copy it again")
 
 

@@ -10,21 +10,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon import colmap_model, transforms_file
+from recon import camera_check, usermasks
 from recon.camera_photos import Library, flat_names, link, upright
 from recon.camera_records import CameraRecords
-from recon.scene import Cameras, Frames, InputError, Poses
+from recon.files import camera_table
+from recon.folders import is_file, lies_in
+from recon.scene import Cameras, Frames, InputError, Lens, Poses, camera_centres
 from recon.triangulated import triangulate
 from recon.undistort import undistorted
 from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.cameras")
 
-TRANSFORMS = ("transforms.json", "transforms_train.json")
-MODEL_FOLDERS = (".", "sparse/0", "sparse", "colmap/sparse/0", "cameras")
 MOST = 120  # photos; of more, evenly spread ones are used: the result gains nothing and every stage takes longer
+SAME_PLACE = 1e-9  # of the largest coordinate: cameras no further apart stand in one place
 LEAST_POINTS = 100  # fewer do not carry a floor; matching the photos gives more
-LENS_TOLERANCE = 1.5  # px of the working copy that a lens may be missed by before it is said
 
 
 @dataclass(frozen=True)
@@ -55,51 +55,56 @@ class Given:
 
 
 def find(path: Path) -> Path | None:
-    """The COLMAP model's folder or the transforms.json that `path` (a folder or a file) is or holds; None if none."""
-    if path.is_file():
-        if path.name.startswith(("cameras.", "images.")) and colmap_model.is_model(path.parent):
-            return path.parent
-        return path if transforms_file.is_transforms(path) else None
-    # A model first: it brings points.
-    folders = (path / f for f in MODEL_FOLDERS)
-    files = (path / name for name in TRANSFORMS)
-    return next((f for f in folders if colmap_model.is_model(f)), next((f for f in files if f.is_file()), None))
+    """The file or folder of known cameras that `path` (a folder or a file) is or holds; None if none."""
+    found = camera_table.find(path)
+    return None if found is None else found[0]
 
 
 def required(path: Path) -> Path:
     """As `find`; raises InputError when there are no cameras."""
     if (source := find(path)) is None:
         raise InputError(
-            f"{path} holds no cameras; --cameras wants the folder of a COLMAP model (cameras and images, .bin or .txt) "
-            "or a transforms.json"
+            f"{path} holds no cameras; --cameras wants a COLMAP model's folder (cameras and images, .bin or .txt), a "
+            f"transforms.json, or one of {', '.join(r.describe for r in camera_table.READERS[2:])}"
         )
     return source
 
 
 def camera_files(source: Path) -> list[Path]:
     """The files that decide the cameras, for telling whether they changed."""
-    if source.is_dir():
-        return colmap_model.files(source)
-    return [p for p in (source, transforms_file.points_file(source)) if p is not None]
+    return camera_table.reader_of(source).files(source)
 
 
 def read(source: Path, library: Library) -> CameraRecords:
-    """The cameras of a COLMAP model's folder or a transforms.json. Raises InputError when they are damaged."""
-    return colmap_model.read(source) if source.is_dir() else transforms_file.read(source, library.upright_size)
+    """The cameras that `required` found. Raises InputError when they are damaged."""
+    return camera_table.reader_of(source).read(source, library)
 
 
-def gather(photos: Path, cameras: Path, folder: Path) -> Given:
+def apart(records: CameraRecords, source: Path) -> CameraRecords:
+    """The same cameras; raises InputError when all stand in one place, which shows no shape."""
+    centres = camera_centres(records.cam_from_world)
+    if len(centres) > 1 and np.ptp(centres, axis=0).max() <= SAME_PLACE * max(1e-12, float(np.abs(centres).max())):
+        raise InputError(
+            f"{source}: all {len(centres)} cameras stand in one place, which shows no shape; are their positions "
+            "missing? Photos alone do without them (--input photos)"
+        )
+    return records
+
+
+def gather(photos: Path, cameras: Path, folder: Path, outside: bool = False) -> Given:
     """Read cameras, find their photos at and around `photos`, and link these into `folder` (made anew).
 
-    Raises InputError when the file is damaged, or fewer than two of its images are found.
+    outside  whether the file may name images beyond its own folder and `photos`
+    Raises InputError when the file is damaged, leads outside, or fewer than two of its images are found.
     """
     source = required(cameras)
-    library = Library(photos, source)
+    library = Library(photos, source, outside)
     records = read(source, library)
     paths = [library.find(name) for name in records.names]
+    records, paths, twice = _once(records, paths)
     placed = [None if p is None else upright(records, i, p) for i, p in enumerate(paths)]
     have = [i for i, u in enumerate(placed) if u is not None]
-    warnings = _missing(source, records, paths, have, photos)
+    warnings = _missing(source, records, paths, have, photos) + twice
     left = library.others([*paths, *records.masks]) if photos.is_dir() else []
     if len(have) > MOST:
         warnings.append(f"{MOST} of the {len(have)} photos with cameras are used, evenly spread")
@@ -114,19 +119,37 @@ def gather(photos: Path, cameras: Path, folder: Path) -> Given:
         )
         others = ()
     link([*(paths[i] for i in have), *map(library.find, others)], (*names, *others), folder)
-    kept = records.subset(have)
-    sizes, K, poses = (np.array(part) for part in zip(*(placed[i] for i in have), strict=True))
-    turned = replace(kept, sizes=sizes, K=K, cam_from_world=poses)
+    kept = apart(records.subset(have), source)
+    sizes, K, poses, lenses = zip(*(u for i in have if (u := placed[i]) is not None), strict=True)
+    turned = replace(kept, sizes=np.array(sizes), K=np.array(K), cam_from_world=np.array(poses), lenses=lenses)
     masks = folder.with_name(f"{folder.name}-masks") if kept.masks else None
     if masks is not None:
-        _link_masks(source, kept, names, masks)
+        _link_masks(source, kept, names, masks, outside)
     return Given(source, folder, names, turned, tuple(warnings), masks, others)
 
 
-def _link_masks(source: Path, records: CameraRecords, names: tuple[str, ...], folder: Path) -> None:
-    """Masks called like the photos, PHOTO.jpg.png; raises InputError when one is missing."""
+def _once(records: CameraRecords, paths: list[Path | None]) -> tuple[CameraRecords, list[Path | None], list[str]]:
+    """Each photo with the first camera that names it, in whatever spelling; and a warning when one was named twice."""
+    first: dict[Path, int] = {}
+    keep = [i for i, p in enumerate(paths) if p is None or first.setdefault(p.resolve(), i) == i]
+    if len(keep) == len(paths):
+        return records, paths, []
+    again = [records.names[i] for i in range(len(paths)) if i not in keep]
+    warning = f"{len(again)} cameras name a photo that another names, too ({_listed(again)}); the first one is used"
+    return records.subset(keep), [paths[i] for i in keep], [warning]
+
+
+def _link_masks(source: Path, records: CameraRecords, names: tuple[str, ...], folder: Path, outside: bool) -> None:
+    """Masks called like the photos, PHOTO.jpg.png; raises InputError when one is missing or lies elsewhere."""
+    # This project's own cameras/transforms.json names ../masks.
+    own = (source.parent, source.parent.parent / "masks")
     for name, mask in zip(records.names, records.masks, strict=True):
-        if mask is not None and not mask.is_file():
+        if mask is not None and not (outside or any(lies_in(mask, place) for place in own)):
+            raise InputError(
+                f"{source}, frame {name}: its mask {mask} lies outside the file's folder; put the masks there, or say "
+                "--allow-outside"
+            )
+        if mask is not None and not is_file(mask):
             raise InputError(
                 f"{source}, frame {name}: its mask {mask} is missing; put it there, or remove mask_path from the frame "
                 "to have the object found in the photo"
@@ -138,13 +161,34 @@ def _link_masks(source: Path, records: CameraRecords, names: tuple[str, ...], fo
     )
 
 
-def place(frames: Frames, given: Given, workdir: Path) -> Poses:
-    """The given cameras at the size of the working copies; undistorted photos go to `workdir`/undistorted.
+def run(frames: Frames, given: Given, workdir: Path, masks: Path | None = None) -> Poses:
+    """The given cameras at the size of the working copies, checked; undistorted photos go to `workdir`/undistorted.
 
-    Where the file has too few points for floor and walls, and masks are not given by alpha channels, the photos are
-    searched for more.
+    They are checked against the masks (the folder `masks`, alpha channels) and their own points. Where the file has too
+    few points for floor and walls, and masks are not given, the photos are searched for more.
+    Raises InputError when they do not fit.
     """
     log.info("cameras given: %d photos, from %s", len(given.names), given.source)
+    placed = place(frames, given, workdir)
+    known, _, _ = usermasks.known(frames, placed, masks)
+    by_view = {placed.cameras.names.index(name): mask for name, (_, mask) in known.items()}
+    checked, said = camera_check.fitting(placed.cameras, by_view, placed.points, placed.tracks, given.source)
+    points, tracks = placed.points, placed.tracks
+    if not (given.masked or len(by_view) == len(checked)) and len(points) < LEAST_POINTS:
+        log.info("looking for points of the room, which the file has too few of")
+        points, tracks = triangulate(checked, placed.paths)
+        if len(points) < LEAST_POINTS and not by_view:
+            checked, said = camera_check.by_matches(
+                checked, lambda c: len(triangulate(c, placed.paths)[0]), len(points), given.source
+            )
+            points, tracks = triangulate(checked, placed.paths) if said else (points, tracks)
+    for warning in (*given.warnings, *said):
+        log.warning(warning)
+    return replace(placed, cameras=checked, points=points, tracks=tracks, warnings=(*given.warnings, *said))
+
+
+def place(frames: Frames, given: Given, workdir: Path) -> Poses:
+    """The cameras, points and undistorted photos of the frames that have a camera, as the file has them."""
     out = workdir / "undistorted"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
@@ -155,37 +199,19 @@ def place(frames: Frames, given: Given, workdir: Path) -> Poses:
         raise InputError(f"only {len(view)} of the {len(given.names)} photos with cameras can be read, 2 are needed")
     sizes, K, paths = frames.sizes[view], records.K.copy(), []
     K[:, :2] *= (sizes / records.sizes)[:, :, None]
-    for v, k, k1 in zip(view, K, records.k1, strict=True):
-        paths.append(frames.paths[v] if k1 == 0 else _undistorted(frames.paths[v], k, float(k1), out))
+    for v, k, lens in zip(view, K, records.lenses, strict=True):
+        paths.append(frames.paths[v] if lens is None else _undistorted(frames.paths[v], k, lens, out))
     cameras = Cameras(tuple(frames.names[v] for v in view), K, records.cam_from_world, sizes)
-    points, tracks = records.points, records.tracks
-    masked = given.masked or all(frames.alpha[v] is not None for v in view)
-    if not masked and len(points) < LEAST_POINTS:
-        log.info("looking for points of the room, which the file has too few of")
-        points, tracks = triangulate(cameras, tuple(paths))
     missing = tuple(n for n in frames.names if n not in place_of)
-    warnings = (*given.warnings, *_lens_warnings(records, sizes))
-    for warning in warnings:
-        log.warning(warning)
-    return Poses(cameras, tuple(paths), points, tracks, missing, warnings, records.k1)
+    return Poses(cameras, tuple(paths), records.points, records.tracks, missing, given.warnings, records.lenses)
 
 
-def _undistorted(path: Path, K: np.ndarray, k1: float, out: Path) -> Path:
+def _undistorted(path: Path, K: np.ndarray, lens: Lens, out: Path) -> Path:
     photo = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if photo is None:
         raise InputError(f"the working copy {path} is gone; run again with --force")
-    write_picture(out / path.name, undistorted(photo, K, k1), cv2.IMWRITE_JPEG_QUALITY, 95)
+    write_picture(out / path.name, undistorted(photo, K, lens), cv2.IMWRITE_JPEG_QUALITY, 95)
     return out / path.name
-
-
-def _lens_warnings(records: CameraRecords, sizes: np.ndarray) -> list[str]:
-    off = float((records.left_over * sizes[:, 0] / records.sizes[:, 0]).max())
-    if off <= LENS_TOLERANCE:
-        return []
-    return [
-        f"the lens is taken out by one radial term only, which misses the given one by up to {off:.1f} px in the "
-        "photos' corners; undistort the photos first if that matters"
-    ]
 
 
 def _missing(

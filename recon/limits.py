@@ -1,7 +1,14 @@
 """How large an input may be, stated once and checked from headers before memory is taken: a run stays below 4 GB."""
 
+# Pictures: photos, masks, textures
+PIXELS = 200_000_000  # of one; the largest phone sensors have these, and PIL takes 4 bytes for each
+PIXELS_AT_ONCE = 50_000_000  # pictures above it are decoded one after the other
+PICTURE_SIDE = 65_535  # pixels; JPEG cannot be longer, and a strip of one pixel is no photo
+PICTURE_BYTES = 1 << 30  # of a file; larger ones are no photos
+FILES = 20_000  # of a folder or an archive
+
 # Shapes
-UNPACKED = 4 << 30  # bytes that the arrays of a small file may claim to unpack to
+UNPACKED = 4 << 30  # bytes that an archive, or the arrays of a small file, may claim to unpack to
 TEXT = 1 << 30  # bytes of a text file, or of the text in an archive
 SCENE = 300 << 20  # bytes of a file that another program's reader takes whole: FBX, USD, DAE, 3MF
 POINTS = 1_000_000  # of a larger cloud, this many are drawn while it is read

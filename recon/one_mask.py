@@ -10,11 +10,13 @@ import numpy as np
 
 from recon import frames
 from recon.frames import FramesOptions
+from recon.mask_checks import FULL, RIVAL, areas, surely_inverted
 from recon.scene import Frames, InputError
 from recon.usermasks import BadMask, read_mask, read_unknown
 
 LEAST_AREA = 150  # px that an object must cover
-RIVAL = 0.3  # a second part this large, compared with the largest, may be another object
+MAIN = 0.5  # of an object's mask that its largest part must have
+RUNS = 0.25  # of a side of the box that an object touches, at least, when the box cuts it
 GRABCUT_SIDE = 640  # px, longest side of the picture that GrabCut works on
 WHAT_TO_GIVE = (
     "give --mask FILE (white = object), --box x,y,w,h round the object in pixels, or a PNG whose background is "
@@ -72,22 +74,22 @@ def run(
     if not path.is_file():
         raise InputError(f"{path} is not an image file")
     shot = frames.run(path, workdir, FramesOptions(allow_single=True))
-    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     width, height = (int(v) for v in shot.sizes[0])
     if mask_file is not None:
         mask, source = _read(mask_file, (width, height)), "user"
     elif shot.alpha[0] is not None:
         mask, source = _read(shot.alpha[0], (width, height)), "alpha"
     elif box is not None:
-        mask, source = _grabcut(shot, box, seed), "grabcut"
+        (mask, notes), source = _grabcut(shot, box, seed), "grabcut"
     elif _is_mask(shot.paths[0]):
         mask, source = _read(path, (width, height)), "user"
     else:
         raise InputError(f"nothing says where the object is in {path.name}: {WHAT_TO_GIVE}")
     file = {"user": mask_file or path, "alpha": shot.alpha[0]}.get(source)
     known = None if file is None else told(file, (width, height))
-    mask, warnings = checked(mask if known is None else mask & known, path.name, boxed=source == "grabcut")
-    return Masked(shot, mask, source, warnings, known)
+    mask, warnings = checked(mask, path.name, known, boxed=source == "grabcut")
+    return Masked(shot, mask, source, (*notes, *warnings), known)
 
 
 def told(file: Path, size: tuple[int, int]) -> np.ndarray | None:
@@ -116,8 +118,19 @@ def _is_mask(path: Path) -> bool:
     return bool(few_valued and (high < 40).any() and (low > 215).any())
 
 
-def checked(mask: np.ndarray, name: str, boxed: bool = False) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The object alone, and warnings; parts that may be another object are left out. Raises InputError."""
+def checked(
+    mask: np.ndarray, name: str, known: np.ndarray | None = None, boxed: bool = False
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The object alone, and warnings; parts that may be another object are left out, an inverted mask is turned round.
+
+    known  (H, W) bool where the mask says something, None for everywhere
+    Raises InputError.
+    """
+    warnings = []
+    if not boxed and surely_inverted(mask) and areas(~mask)[0] > MAIN * (~mask).sum():
+        warnings.append(f"the mask of {name} is inverted (white all along its edge): black is taken as the object")
+        mask = ~mask
+    mask = mask if known is None else mask & known
     if mask.sum() < LEAST_AREA:
         raise InputError(f"the mask of {name} is empty or tiny ({int(mask.sum())} px); white must be the object")
     border = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
@@ -127,11 +140,15 @@ def checked(mask: np.ndarray, name: str, boxed: bool = False) -> tuple[np.ndarra
             "in view (is it inverted?)"
         )
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = stats[1:, cv2.CC_STAT_AREA]
-    warnings = []
-    largest = 1 + int(areas.argmax())
-    keep = np.r_[False, areas >= (0.02 * areas.max() if boxed else 0)]
-    rivals = (areas >= RIVAL * areas.max()).sum() - 1
+    sizes = stats[1:, cv2.CC_STAT_AREA]
+    if boxed and sizes.max() < MAIN * sizes.sum():
+        raise InputError(
+            f"what was found in --box of {name} falls into {len(sizes)} pieces, none of them half of it: the object "
+            "could not be told from the background; give --mask FILE (white = object)"
+        )
+    largest = 1 + int(sizes.argmax())
+    keep = np.r_[False, sizes >= (0.02 * sizes.max() if boxed else 0)]
+    rivals = (sizes >= RIVAL * sizes.max()).sum() - 1
     if rivals:
         warnings.append(f"the mask of {name} shows {rivals + 1} large separate parts: the largest is taken")
         keep[:] = False
@@ -145,8 +162,8 @@ def checked(mask: np.ndarray, name: str, boxed: bool = False) -> tuple[np.ndarra
     return out, tuple(warnings)
 
 
-def _grabcut(shot: Frames, box: tuple[float, float, float, float], seed: int) -> np.ndarray:
-    """(H, W) bool: GrabCut, with what lies outside the box as background. `box` in pixels of the original."""
+def _grabcut(shot: Frames, box: tuple[float, float, float, float], seed: int) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(H, W) bool and warnings: GrabCut, with what lies outside the box as background. `box` in px of the original."""
     width, height = (int(v) for v in shot.sizes[0])
     original = shot.sizes[0] if shot.original is None else shot.original[0]
     x, y, w, h = box
@@ -173,4 +190,27 @@ def _grabcut(shot: Frames, box: tuple[float, float, float, float], seed: int) ->
     found = cv2.morphologyEx(inside, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     if not 0.03 < found.sum() / (wide * high) < 0.97:
         raise InputError(f"no object could be told from the background in --box of {shot.names[0]}; give --mask FILE")
-    return cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+    notes = _in_its_box(found[top : top + high, left : left + wide] > 0, (left, top, wide, high), found.shape, shot)
+    return cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5, notes
+
+
+def _in_its_box(
+    inside: np.ndarray, box: tuple[int, int, int, int], shape: tuple[int, ...], shot: Frames
+) -> tuple[str, ...]:
+    """A warning when the box cuts what was found in it (h, w) bool; raises InputError when it just fills the box."""
+    left, top, wide, high = box
+    free = {  # sides of the box that are not the photo's own edge
+        "left": (inside[:, 0], left > 0),
+        "top": (inside[0], top > 0),
+        "right": (inside[:, -1], left + wide < shape[1]),
+        "bottom": (inside[-1], top + high < shape[0]),
+    }
+    cut = [name for name, (line, inner) in free.items() if inner and line.mean() > RUNS]
+    if len(cut) >= 3 and inside.mean() > FULL:
+        raise InputError(
+            f"what was found in --box of {shot.names[0]} fills the box: the object was not told from the background; "
+            "draw the box a little larger, or give --mask FILE (white = object)"
+        )
+    if not cut:
+        return ()
+    return (f"--box seems to cut the object of {shot.names[0]} ({', '.join(cut)}): draw it a little larger",)

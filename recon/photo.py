@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import threading
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,16 +14,37 @@ from typing import Any
 import cv2
 import numpy as np
 import pillow_heif
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, UnidentifiedImageError
+
+from recon import limits
+from recon.raw_photo import RawError, is_raw
+from recon.raw_photo import read as read_raw
 
 pillow_heif.register_heif_opener()
 
 # Named, because PIL would also open documents (EPS through an outside program, PSD, ...). JPEG includes MPO.
-FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP")
-ENDINGS = {".jpg", ".jpeg", ".png", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp"}
+FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP", "JPEG2000")
+ENDINGS = {
+    *(".jpg", ".jpeg", ".jpe", ".jfif", ".mpo", ".png", ".heic", ".heif", ".avif", ".webp", ".tif", ".tiff", ".bmp"),
+    *(".jp2", ".j2k", ".jpf", ".jpx", ".j2c"),
+}
 BACKGROUND = (128, 128, 128)  # behind transparent pixels: both white and black objects keep their outline on grey
 SHARPNESS_SIDE = 640  # px of the longest side at which sharpness is measured, so that photos compare
 DIAGONAL_35MM = 43.27  # mm, of a 36 x 24 mm frame
+
+Image.MAX_IMAGE_PIXELS = limits.PIXELS // 2  # PIL warns above it, and refuses above twice as many
+_TOO_LARGE = f"too large: at most {limits.PIXELS // 10**6} megapixels and {limits.PICTURE_SIDE} pixels a side are read"
+_ONE_LARGE = threading.Lock()
+# How PIL turns an image upright, by EXIF orientation.
+_TURNS = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
 
 
 class UnreadablePhoto(Exception):
@@ -57,7 +81,7 @@ class Photo:
 
 def looks_like_photo(path: Path) -> bool:
     """Whether the name promises a photo."""
-    return path.suffix.lower() in ENDINGS
+    return path.suffix.lower() in ENDINGS or is_raw(path)
 
 
 def read_photo(path: Path, longest_side: int) -> Photo | None:
@@ -66,38 +90,80 @@ def read_photo(path: Path, longest_side: int) -> Photo | None:
     Raises UnreadablePhoto for a damaged or unusable photo.
     """
     try:
-        if path.stat().st_size == 0:
-            if looks_like_photo(path):
-                raise UnreadablePhoto("the file is empty")
+        size = path.stat().st_size
+        if size == 0 and looks_like_photo(path):
+            raise UnreadablePhoto("the file is empty")
+        if size > limits.PICTURE_BYTES and looks_like_photo(path):
+            raise UnreadablePhoto(f"too large: {size >> 20} MB, at most {limits.PICTURE_BYTES >> 20} are read")
+        if not 0 < size <= limits.PICTURE_BYTES:
             return None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # PIL warns of large images at half of the size that it refuses
-            return _decode(path, longest_side)
+            return _raw(path, longest_side) if is_raw(path) else _decode(path, longest_side)
     except UnidentifiedImageError as error:
         if looks_like_photo(path):
             raise UnreadablePhoto("not an image, or its beginning is damaged") from error
         return None
-    except Image.DecompressionBombError as error:
-        limit = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6
-        raise UnreadablePhoto(f"too large: more than {limit} megapixels; save it smaller") from error
+    except RawError as error:
+        raise UnreadablePhoto(str(error)) from error
     except UnreadablePhoto:
         raise
+    except PermissionError as error:
+        raise UnreadablePhoto("it may not be read; check its permissions") from error
     except Exception as error:  # decoders fail in many ways on damaged files: SyntaxError, struct.error, ...
         raise UnreadablePhoto(f"damaged or cut off ({error})") from error
 
 
+@contextmanager
+def opened(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
+    """A picture whose header was read and whose size can be held; large ones are held one at a time.
+
+    Raises UnreadablePhoto when it is too large, and what PIL raises when it is none.
+    """
+    try:
+        image = Image.open(path, formats=formats)
+    except Image.DecompressionBombError as error:
+        raise UnreadablePhoto(f"{_TOO_LARGE}; save it smaller") from error
+    with image:
+        width, height = image.size
+        if max(image.size) > limits.PICTURE_SIDE or width * height > limits.PIXELS:
+            raise UnreadablePhoto(f"{_TOO_LARGE}, and it has {width} x {height}; save it smaller")
+        with _ONE_LARGE if width * height > limits.PIXELS_AT_ONCE else nullcontext():
+            yield image
+
+
 def _decode(path: Path, longest_side: int) -> Photo:
-    with Image.open(path, formats=FORMATS) as opened:
-        focal_in_diagonals = exif_focal(opened.getexif(), opened.size)
-        full = opened.size
+    with opened(path) as image:
+        focal_in_diagonals, full = exif_focal(image.getexif(), image.size), image.size
         # JPEGs can be decoded at 1/2, 1/4, 1/8 size, which saves most of the time for large ones.
-        opened.draft("RGB", (longest_side, longest_side))
-        image: Image.Image = opened
-        scale = longest_side / max(image.size)
-        # HEIF turns itself while decoding, and its reader resets the EXIF orientation, so nothing turns twice.
-        image = ImageOps.exif_transpose(_eight_bit(image))
-    if (image.width < image.height) != (full[0] < full[1]):
+        image.draft("RGB", (longest_side, longest_side))
+        small = _reduced(_eight_bit(image), longest_side)
+        # HEIF and TIFF turn themselves while decoding and reset the EXIF orientation, so nothing turns twice.
+        turn = _TURNS.get(image.getexif().get(ExifTags.Base.Orientation, 1))
+    if turn is not None:
+        small = small.transpose(turn)
+    if (small.width < small.height) != (full[0] < full[1]):
         full = full[::-1]  # turned upright since
+    rgb, mask = _without_alpha(small)
+    return Photo(rgb, mask, focal_in_diagonals * math.hypot(*rgb.size), full)
+
+
+def _raw(path: Path, longest_side: int) -> Photo:
+    with _ONE_LARGE:
+        image = read_raw(path)
+        small = _reduced(image, longest_side)
+    focal = math.nan
+    try:
+        with Image.open(path, formats=["TIFF"]) as record:  # most raw formats are TIFF inside
+            focal = exif_focal(record.getexif(), image.size)
+    except (OSError, SyntaxError, ValueError):
+        pass
+    return Photo(small, None, focal * math.hypot(*small.size), image.size)
+
+
+def _reduced(image: Image.Image, longest_side: int) -> Image.Image:
+    """RGB, or RGBA where the image has transparency, with its longest side at most `longest_side` px."""
+    scale = longest_side / max(image.size)
     if "A" in image.getbands() or "a" in image.getbands() or "transparency" in image.info:
         image = image.convert("RGBA")
     elif image.mode != "RGB":
@@ -105,8 +171,7 @@ def _decode(path: Path, longest_side: int) -> Photo:
     if scale < 1:
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
         image = image.resize(size, Image.Resampling.LANCZOS, reducing_gap=3.0)
-    rgb, mask = _without_alpha(image)
-    return Photo(rgb, mask, focal_in_diagonals * math.hypot(*rgb.size), full)
+    return image
 
 
 def _eight_bit(image: Image.Image) -> Image.Image:
@@ -114,14 +179,12 @@ def _eight_bit(image: Image.Image) -> Image.Image:
     if not image.mode.startswith(("I", "F")):
         image.load()
         return image
-    values = np.asarray(image, dtype=np.float64)
+    values = np.asarray(image, dtype=np.float32)
     # Neither mode says what white is: take the smallest usual one that holds every value.
     white = next((w for w in (1.0, 255.0, 65535.0) if values.max() <= w), float(values.max()))
     white = 65535.0 if image.mode.startswith("I;16") else white
-    out = Image.fromarray(np.clip(values * (255 / white), 0, 255).astype(np.uint8))
+    out = Image.fromarray(np.clip(values * np.float32(255 / white), 0, 255).astype(np.uint8))
     out.info = image.info
-    if orientation := image.getexif().get(ExifTags.Base.Orientation):
-        out.getexif()[ExifTags.Base.Orientation] = orientation
     return out
 
 

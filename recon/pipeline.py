@@ -28,6 +28,8 @@ from recon import (
     refine,
     scene,
     silhouettes,
+    turntable,
+    usermasks,
     video,
     wanted,
 )
@@ -54,6 +56,7 @@ class ReconOptions:
     start: str | None = None  # redo from this stage on
     cameras: Path | None = None  # a COLMAP model's folder or a transforms.json: where the photos were taken from
     look_for_cameras: bool = True  # in a folder of photos, when `cameras` is None
+    allow_outside: bool = False  # the camera file may name images beyond its own folder and INPUT
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in px of the original photos
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
     video: video.VideoOptions = field(default_factory=video.VideoOptions)
@@ -82,14 +85,17 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
 
 def _run(photos: Path, out: Path, work: Path, models: list[Model], options: ReconOptions) -> OutputPaths:
     """The stages, one after the other."""
-    source = gather.run(photos, work, options.cameras, options.video, options.force, options.look_for_cameras)
+    source = gather.run(
+        photos, work, options.cameras, options.video, options.force, options.look_for_cameras, options.allow_outside
+    )
     if source.cameras:  # two pictures may look alike and yet be taken from two places
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))
     stages = _Stages(work, options, [source.key, code_version()])
 
     shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
-    placed = stages.run("poses", options.poses, lambda: _placed(shots, source, work, options))
     drawn = options.masks or (source.cameras.masks if source.cameras else None)
+    looked_at = folder_digest(drawn if source.cameras or options.poses.turntable else None)
+    placed = stages.run("poses", [options.poses, looked_at], lambda: _placed(shots, source, drawn, work, options))
     masks = stages.run(
         "silhouettes",
         [options.silhouettes, folder_digest(drawn)],
@@ -112,7 +118,7 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         explanation=verdict.explanation,
         alternatives=refined.alternatives,
         seconds=stages.seconds,
-        warnings=(*source.warnings, *placed.warnings, *chosen.warnings, *verdict.warnings),
+        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings, *verdict.warnings),
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
@@ -125,11 +131,15 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
     return outputs.run(result, out, options.outputs, model)
 
 
-def _placed(shots: scene.Frames, source: gather.Photos, work: Path, options: ReconOptions) -> scene.Poses:
-    """The stage "poses": the cameras given, or structure from motion."""
+def _placed(
+    shots: scene.Frames, source: gather.Photos, drawn: Path | None, work: Path, options: ReconOptions
+) -> scene.Poses:
+    """The stage "poses": the cameras given, or structure from motion; `drawn` is the folder of masks."""
     if source.cameras is not None:
-        given = known_cameras.place(shots, source.cameras, work)
+        given = known_cameras.run(shots, source.cameras, work, drawn)
         return filling.run(shots, given, work, options.poses) if source.cameras.others else given
+    if options.poses.turntable:
+        return poses.run(shots, work, options.poses, turntable.object_alone(shots, drawn, work))
     return poses.run(shots, work, options.poses)
 
 
@@ -190,8 +200,8 @@ class _Stages:
 def _checked(photos: Path, options: ReconOptions) -> list[Model]:
     """The models to try; everything else that can be found wrong before minutes are spent. Raises InputError."""
     gather.check(photos, options.cameras)
-    if options.masks is not None and not options.masks.is_dir():
-        raise InputError(f"{options.masks} is not a folder; --masks wants the folder that holds the masks")
+    if options.masks is not None:
+        usermasks.files(options.masks)
     if options.start is not None and options.start not in STAGES:
         raise InputError(f"there is no stage {options.start!r}; stages: {', '.join(STAGES)}")
     return _with_weights(options.class_name)

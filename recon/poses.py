@@ -21,7 +21,7 @@ import numpy as np
 from recon import pose_diagnosis
 from recon.attempts import LADDER, Attempt, climb
 from recon.intrinsics import held
-from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError
+from recon.scene import Cameras, Frames, InputError, Lens, Poses, ReconstructionError
 from recon.undistort import undistorted
 from recon.whole_files import write_picture
 
@@ -46,11 +46,13 @@ class PosesOptions:
     attempt_seconds: float = 1800.0  # an attempt that takes longer is given up
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy in px of the originals, held
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm, held; instead of `intrinsics`
+    turntable: bool = False  # the object turns before a still camera: nothing but the object is looked at
 
 
-def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -> Poses:
+def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions(), searched: Frames | None = None) -> Poses:
     """Place the photos; undistorted photos go to `workdir`/undistorted, logs to `workdir`/poses.
 
+    searched  the same photos as they are searched for features, when not as they are (recon.turntable)
     Climbs LADDER until enough photos are placed and keeps the best attempt. Raises ReconstructionError, which says how
     many were placed, the likely cause and what to do, when fewer than the options ask for could be placed.
     """
@@ -61,10 +63,11 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions()) -
         raise ReconstructionError(f"{total} photos are too few to place cameras; {pose_diagnosis.REMEDY}")
     if (given := held(frames, options.intrinsics, options.focal_mm)) is not None:
         frames = replace(frames, focal_px=given[:, 0])
+        searched = replace(searched, focal_px=given[:, 0]) if searched else None
     folder = workdir / "poses"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    best, rung, tried, failures = climb(frames, folder, options)
+    best, rung, tried, failures = climb(searched or frames, folder, options)
     if best is None:
         raise ReconstructionError("structure from motion stopped with an error: " + "; ".join(failures))
     diagnosis = pose_diagnosis.explain(frames, best.registered, best.keypoints, best.pairs, best.models)
@@ -91,20 +94,22 @@ def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...])
     """Write undistorted photos of the same size and the same K, and put the stage's result together."""
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-    paths = []
+    paths, lenses = [], []
     for i, k, distortion in zip(found.view, found.K, found.distortion, strict=True):
+        params = np.array([k[0, 0], k[0, 2], k[1, 2], distortion])
+        lenses.append(Lens("SIMPLE_RADIAL", params, frames.sizes[i]) if distortion else None)
         photo = cv2.imread(str(frames.paths[i]), cv2.IMREAD_COLOR)
         if photo is None:
             raise InputError(f"the working copy {frames.paths[i]} is gone; run again with --force")
         path = out / frames.paths[i].name
         quality = [cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-        write_picture(path, undistorted(photo, k, float(distortion)), *quality)
+        write_picture(path, undistorted(photo, k, lenses[-1]), *quality)
         paths.append(path)
     cameras = Cameras(
         tuple(frames.names[i] for i in found.view), found.K, found.cam_from_world, frames.sizes[found.view]
     )
     missing = tuple(name for name, ok in zip(frames.names, found.registered, strict=True) if not ok)
-    return Poses(cameras, tuple(paths), found.points, found.tracks, missing, warnings, found.distortion)
+    return Poses(cameras, tuple(paths), found.points, found.tracks, missing, warnings, tuple(lenses))
 
 
 # ---- the child process: the only place that knows pycolmap ----

@@ -117,6 +117,21 @@ class Cameras:
 
 
 @dataclass(frozen=True)
+class Lens:
+    """How a photo was bent before it was undistorted: a camera model of COLMAP.
+
+    model   its name
+    params  (p,) float in COLMAP's order, in pixels of a photo of `size` (2,) int (width, height) as it was taken
+    turns   clockwise quarter turns that brought the photo, and its pinhole camera, upright
+    """
+
+    model: str
+    params: np.ndarray
+    size: np.ndarray
+    turns: int = 0
+
+
+@dataclass(frozen=True)
 class Poses:
     """Result of structure from motion.
 
@@ -125,7 +140,7 @@ class Poses:
     points    (n, 3) float, sparse points in the world frame, SfM units
     tracks    (n, V) bool, which camera saw which point
     unregistered  names of photos that could not be placed
-    distortion (V,) float or None (no distortion): radial k1 that was taken out of each photo
+    lenses    V lenses that were taken out of the photos, None where nothing was; () when nothing was anywhere
     """
 
     cameras: Cameras
@@ -134,10 +149,10 @@ class Poses:
     tracks: np.ndarray
     unregistered: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    distortion: np.ndarray | None = None
+    lenses: tuple[Lens | None, ...] = ()
 
     def __post_init__(self) -> None:
-        _check(self.distortion is None or self.distortion.shape == (len(self.cameras),), "one distortion a camera")
+        _check(len(self.lenses) in (0, len(self.cameras)), "one lens a camera is needed, or none at all")
         _check(len(self.paths) == len(self.cameras), "one undistorted image a camera is needed")
         _check(
             self.points.ndim == 2 and self.points.shape[1] == 3,
@@ -158,6 +173,7 @@ class Silhouettes:
     reasons why a view is not used: (name, reason)
     unknown V of (H, W) bool or None: pixels that may be object or not, such as behind a plant; () when there are none.
             They count neither for nor against a shape. A mask is False there.
+    warnings what the user should know
     """
 
     names: tuple[str, ...]
@@ -167,6 +183,7 @@ class Silhouettes:
     floor: np.ndarray | None = None
     reasons: tuple[tuple[str, str], ...] = ()
     unknown: tuple[np.ndarray | None, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.names)

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon import carving, standing, usermasks
+from recon import carving, mask_checks, standing, usermasks
 from recon.cutout import CutoutOptions, cut_out
 from recon.floor import FloorOptions, Room, find_room
 from recon.names import unique
@@ -35,6 +35,7 @@ class SilhouetteOptions:
     judge_cells: int = 96  # cells along the object's box in which masks are compared
     judge_share: float = 0.8  # of the other masks that must contain a cell
     judge_below: float = 0.6  # a view is dropped when its IoU with the others' shape is below this x the median IoU
+    consistent: float = 0.6  # of inverted masks, turned round, that their common shape must explain to be believed
     judge_least: int = 4  # masks; fewer cannot outvote one
 
 
@@ -51,10 +52,11 @@ def run(
     Raises InputError when no given mask can be used, ReconstructionError when the object cannot be found without one.
     """
     cameras = poses.cameras
-    known, unknown, reasons = _known(frames, poses, masks_dir)
+    known, unknown, reasons = usermasks.known(frames, poses, masks_dir)
     given = {cameras.names.index(name): mask for name, (_, mask) in known.items()}
     open_views = [v for v, name in enumerate(cameras.names) if v not in given and name not in dict(reasons)]
-    room, problem = _room(poses, options)
+    room, problem = _room(poses, options, bool(open_views))
+    given, warnings = _white_is_object(given, poses, room, options)
     masks = [given.get(v, np.zeros((int(h), int(w)), bool)) for v, (w, h) in enumerate(cameras.sizes)]
     if open_views:
         try:
@@ -66,6 +68,7 @@ def run(
             if not given:
                 raise
             reasons += [(cameras.names[v], f"has no mask, and none was found: {error}") for v in open_views]
+    warnings += mask_checks.implausible([masks[v] for v in open_views])
     reasons += [(n, "nothing of the object was found in it") for n in _empty(cameras, masks, reasons)]
     bad = dict(reasons)
     used = np.array([name not in bad for name in cameras.names])
@@ -73,6 +76,8 @@ def run(
     reasons += disagreeing
     for name, reason in reasons:
         log.warning("%s is not used: %s", name, reason)
+    for warning in warnings:
+        log.warning(warning)
     if not used.any():
         raise ReconstructionError("no photo shows the object clearly; give masks (--masks, white = object)")
     _write(cameras, masks, workdir / "masks")
@@ -82,39 +87,44 @@ def run(
         None if room is None else room.floor, cameras.subset(trusted), [masks[v] for v in trusted], not open_views
     )
     hidden = tuple(unknown.get(name) for name in cameras.names) if unknown else ()
-    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), hidden)
+    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), hidden, tuple(warnings))
 
 
-def _known(
-    frames: Frames, poses: Poses, masks_dir: Path | None
-) -> tuple[dict[str, tuple[str, np.ndarray]], dict[str, np.ndarray], list[tuple[str, str]]]:
-    """By photo name (source, mask) of masks that need not be found, and where they say nothing; and (name, reason) of
-    those that are no good."""
-    known: dict[str, tuple[str, np.ndarray]] = {}
-    for name, path in zip(frames.names, frames.alpha, strict=True):
-        if path is not None and name in poses.cameras.names:
-            i = poses.cameras.names.index(name)
-            width, height = poses.cameras.sizes[i]
-            try:
-                mask = usermasks.read_mask(path, (int(width), int(height)))
-            except usermasks.BadMask as error:
-                log.info("the alpha channel of %s says nothing: %s", name, error)
-                continue
-            known[name] = ("alpha", undistorted_mask(mask, poses, name))
-    if masks_dir is None:
-        return known, {}, []
-    drawn = usermasks.load_folder(masks_dir, frames, poses)
-    known.update({name: ("user", mask) for name, mask in drawn.masks.items()})
-    bad = [(name, reason) for name, reason in drawn.bad if name not in known]
-    return known, drawn.unknown, bad
+def _white_is_object(
+    given: dict[int, np.ndarray], poses: Poses, room: Room | None, options: SilhouetteOptions
+) -> tuple[dict[int, np.ndarray], list[str]]:
+    """The given masks, by view, with inverted ones turned round, and a warning that says so.
+
+    An inverted mask is white along the photo's edge. An object that fills its photos may be so, too: the masks turned
+    round must agree on a shape.
+    """
+    suspects = [v for v, mask in given.items() if mask_checks.edge_share(mask) > mask_checks.SUSPECT]
+    if not suspects:
+        return given, []
+    names = [poses.cameras.names[v] for v in suspects]
+    turned = dict(given)
+    for v, name in zip(suspects, names, strict=True):
+        seen = np.ones_like(given[v])  # what the lens did not see is no object either
+        turned[v] = undistorted_mask(seen, poses, name) & ~given[v]
+    views = sorted(turned)
+    if len(views) == 1:
+        agree = mask_checks.surely_inverted(given[views[0]])
+    else:
+        agree = _explained(poses.cameras.subset(views), [turned[v] for v in views], room, options) > options.consistent
+    if not agree:
+        return given, []
+    some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+    return turned, [
+        f"{len(names)} of {len(given)} masks are inverted (white = background: {some}); black is taken as the object"
+    ]
 
 
-def _room(poses: Poses, options: SilhouetteOptions) -> tuple[Room | None, str]:
-    """The room, or None and why it was not found."""
+def _room(poses: Poses, options: SilhouetteOptions, needed: bool) -> tuple[Room | None, str]:
+    """The room, or None and why it was not found, which is only said when it is needed."""
     try:
         return find_room(poses.points, poses.cameras, np.random.default_rng(options.seed), options.floor), ""
     except ReconstructionError as error:
-        log.log(logging.INFO if len(poses.points) else logging.DEBUG, "%s", error)
+        log.log(logging.INFO if needed and len(poses.points) else logging.DEBUG, "%s", error)
         return None, str(error)
 
 
@@ -146,6 +156,8 @@ def judge(
         if len(views) < options.judge_least:
             break
         scores = _agreement(cameras.subset(views), [masks[v] for v in views], room, options)
+        if scores is None:
+            break  # no common shape to measure with: do not accuse anybody
         limit = options.judge_below * float(np.median(scores))
         wrong = [(int(v), float(s)) for v, s in zip(views, scores, strict=True) if s < limit]
         used = used.copy()
@@ -160,15 +172,17 @@ def judge(
     return used, reasons
 
 
-def _agreement(cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions) -> np.ndarray:
-    """(V,) IoU of each mask with the picture of the hull that the other masks carve."""
+def _agreement(
+    cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions
+) -> np.ndarray | None:
+    """(V,) IoU of each mask with the picture of the hull that the other masks carve; None when they carve nothing."""
     # A cell's middle can fall beside a member that is thinner than a cell: one pixel of slack.
     wide = [cv2.dilate(m.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32) for m in masks]
-    cells = _block(cameras, room, 64)
+    cells = _block(cameras, masks, room, 64)
     need = options.judge_share * (len(cameras) - 1)
     rough = (carving.add_up(cells, cameras, wide) >= need) & carving.seen_by_most(cells, cameras)
     if not rough.any():
-        return np.ones(len(cameras))  # no common shape to measure with: do not accuse anybody
+        return None
     cells = carving.around(cells, rough, options.judge_cells)
     seen, every = carving.seen_by_most(cells, cameras), carving.add_up(cells, cameras, wide)
     scores = []
@@ -179,11 +193,26 @@ def _agreement(cameras: Cameras, masks: list[np.ndarray], room: Room | None, opt
     return np.array(scores)
 
 
-def _block(cameras: Cameras, room: Room | None, longest: int) -> carving.Cells:
-    """The region that the cameras look at; without a floor it is centred where they look."""
+def _explained(cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions) -> float:
+    """The median share of a mask that the shape which all of them carve covers: 1 for masks of one object."""
+    values = [m.astype(np.float32) for m in masks]
+    cells = _block(cameras, masks, room, 64)
+    for longest in (options.judge_cells, 0):
+        solid = carving.seen_by_most(cells, cameras)
+        solid &= carving.add_up(cells, cameras, values) >= options.judge_share * len(cameras)
+        if not solid.any():
+            return 0.0
+        if longest:
+            cells = carving.around(cells, solid, longest)
+    shown = [carving.picture(cells, solid, cameras, v) for v in range(len(cameras))]
+    return float(np.median([(p & m).sum() / max(1, m.sum()) for p, m in zip(shown, masks, strict=True)]))
+
+
+def _block(cameras: Cameras, masks: list[np.ndarray], room: Room | None, longest: int) -> carving.Cells:
+    """The region that the cameras look at; without a floor it is centred where the masks' middles are."""
     if room is not None:
         return carving.region(room.axes, room.focus, room.distance, cameras, longest)
-    return standing.block(cameras, longest)
+    return standing.block(cameras, longest, masks)
 
 
 def _write(cameras: Cameras, masks: list[np.ndarray], folder: Path) -> None:

@@ -77,13 +77,12 @@ def gather(path: Path, cameras: Path, folder: Path, options: SplatViewOptions = 
     folder.mkdir(parents=True)
     for v in keep:
         write_picture(folder / names[v], _picture(alphas[v], options.threshold))
-    views, none = views.subset(keep), np.zeros(len(keep))
+    views = views.subset(keep)
     drawn = CameraRecords(
         views.names,
         views.sizes,
         views.K,
-        none,
-        none,
+        (None,) * len(keep),
         views.cam_from_world,
         points,
         np.zeros((len(points), len(keep)), bool),
@@ -157,7 +156,7 @@ def _records(path: Path, cameras: Path, options: SplatViewOptions) -> CameraReco
         )
     if len(known) > options.views:
         known = [known[i] for i in np.linspace(0, len(known) - 1, options.views).astype(int)]
-    return records.subset(known)
+    return known_cameras.apart(records.subset(known), source)
 
 
 def _picture(alpha: np.ndarray, threshold: float) -> np.ndarray:

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
-from recon.camera_records import CameraRecords, Lens, as_one_term, read_bytes, rigid
-from recon.scene import InputError
+from recon.camera_records import CameraRecords, SizeOf, read_json, rigid
+from recon.folders import is_file, lies_in
+from recon.lenses import LARGEST, lens
+from recon.scene import InputError, Lens
 
 log = logging.getLogger("recon.cameras")
-_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-SizeOf = Callable[[str], tuple[int, int] | None]
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def is_transforms(path: Path) -> bool:
     """Whether a file is JSON with a list of frames that have matrices."""
     try:
-        content = json.loads(path.read_text()) if path.suffix.lower() == ".json" and path.is_file() else None
-    except (OSError, ValueError, RecursionError):
+        content = read_json(path) if path.suffix.lower() == ".json" and path.is_file() else None
+    except (InputError, ValueError, RecursionError):
         return False
     frames = content.get("frames") if isinstance(content, dict) else None
     return isinstance(frames, list) and any(isinstance(f, dict) and "transform_matrix" in f for f in frames)
@@ -37,12 +35,12 @@ def read(path: Path, size_of: SizeOf) -> CameraRecords:
     Raises InputError naming the file, and the frame where there is one.
     """
     try:
-        content = json.loads(read_bytes(path))
+        content = read_json(path)
         frames = content["frames"]
         names = [str(f["file_path"]).replace("\\", "/") for f in frames]
         unique = sorted({n: i for i, n in reversed(list(enumerate(names)))}.values())
         rows = [_frame(path, {**content, **frames[i]}, names[i], size_of(names[i])) for i in unique]
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(
             f"{path} is not a transforms.json: frames with file_path and transform_matrix, and fl_x or camera_angle_x "
             f"are needed ({type(error).__name__}: {error})"
@@ -53,9 +51,8 @@ def read(path: Path, size_of: SizeOf) -> CameraRecords:
     return CameraRecords(
         tuple(names[i] for i in unique),
         np.array(sizes, int).reshape(-1, 2),
-        np.array([one.K for one in lenses]).reshape(-1, 3, 3),
-        np.array([one.k1 for one in lenses], float),
-        np.array([one.left_over for one in lenses], float),
+        np.array([K for K, _ in lenses]).reshape(-1, 3, 3),
+        tuple(bends for _, bends in lenses),
         np.array(poses).reshape(-1, 4, 4),
         points,
         np.zeros((len(points), len(unique)), bool),
@@ -65,49 +62,63 @@ def read(path: Path, size_of: SizeOf) -> CameraRecords:
 
 def _frame(
     path: Path, values: dict[str, Any], name: str, image: tuple[int, int] | None
-) -> tuple[tuple[int, int], Lens, np.ndarray]:
+) -> tuple[tuple[int, int], tuple[np.ndarray, Lens | None], np.ndarray]:
     """Size, lens and cam_from_world of one frame; `values` are the shared ones overlaid with its own."""
-    if "FISHEYE" in str(values.get("camera_model", "")) or values.get("is_fisheye"):
-        raise InputError(f"{path}: fisheye lenses are not supported; undistort the photos first")
     what = f"{path}, frame {name}"
     world_from_camera = rigid(np.array(values["transform_matrix"], float).reshape(-1, 4), what)
-    cam_from_world = np.linalg.inv(world_from_camera @ _OPENCV_FROM_OPENGL)
-    size = (int(values["w"]), int(values["h"])) if {"w", "h"} <= values.keys() else image
+    cam_from_world = np.linalg.inv(world_from_camera @ OPENCV_FROM_OPENGL)
+    size = _size(values, what) if {"w", "h"} <= values.keys() else image
     if size is None:
-        return (0, 0), Lens(np.full((3, 3), np.nan), 0.0, 0.0), cam_from_world
-    if min(size) < 1:
-        raise InputError(f"{what}: its size is {size[0]} x {size[1]}")
-    fx = _focal(values, "x", size[0])
-    fy = _focal(values, "y", size[1])
+        return (0, 0), (np.full((3, 3), np.nan), None), cam_from_world
+    fx, fy = (_focal(values, axis, side, what) for axis, side in zip("xy", size, strict=True))
     if not (fx or fy):
         raise InputError(f"{what}: neither fl_x nor camera_angle_x is given, so the focal length is unknown")
-    fx, fy = fx or fy, fy or fx
-    if not all(math.isfinite(f) and f > 0 for f in (fx, fy)):
-        raise InputError(f"{what}: the focal length {fx:g}, {fy:g} is not usable")
-    cx, cy = float(values.get("cx", size[0] / 2)), float(values.get("cy", size[1] / 2))
-    terms = np.array([float(values.get(k) or 0) for k in ("k1", "k2", "p1", "p2", "k3")])
-    if not np.isfinite([cx, cy, *terms]).all():
-        raise InputError(f"{what}: its principal point or distortion is not a number")
-    # k4 is a fisheye term here; OPENCV cameras have none.
-    return size, as_one_term(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), terms, size), cam_from_world
+    middle = [float(values.get(c, side / 2)) for c, side in zip(("cx", "cy"), size, strict=True)]
+    try:
+        return size, _lens(values, np.array([fx or fy, fy or fx, *middle]), size), cam_from_world
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
 
 
-def _focal(values: dict[str, Any], axis: str, side: int) -> float:
+def _size(values: dict[str, Any], what: str) -> tuple[int, int]:
+    width, height = float(values["w"]), float(values["h"])
+    if not (1 <= width <= LARGEST and 1 <= height <= LARGEST):
+        raise InputError(f"{what}: its size is {width:g} x {height:g} (w, h), which is no picture's")
+    return int(width), int(height)
+
+
+def _lens(values: dict[str, Any], pinhole: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, Lens | None]:
+    """K and the lens from fx, fy, cx, cy and the file's terms; raises InputError."""
+    model, terms = str(values.get("camera_model", "OPENCV")).upper(), ()  # type: tuple[str, tuple[str, ...]]
+    if "FISHEYE" in model or values.get("is_fisheye"):
+        model, terms = "OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")
+    elif model not in ("EQUIRECTANGULAR", "ORTHOPHOTO"):  # k4 is a fisheye term here; OPENCV cameras have none
+        model, terms = "FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3", "-", "-", "-")
+    return lens(model, np.array([*pinhole, *(float(values.get(k) or 0) for k in terms)]), size)
+
+
+def _focal(values: dict[str, Any], axis: str, side: int, what: str) -> float:
     """Pixels, from fl_x or camera_angle_x; 0 when neither is there."""
     if values.get(f"fl_{axis}") is not None:
         return float(values[f"fl_{axis}"])
-    angle = values.get(f"camera_angle_{axis}")
-    return 0.0 if angle is None else 0.5 * side / math.tan(0.5 * float(angle))
+    if values.get(f"camera_angle_{axis}") is None:
+        return 0.0
+    angle = float(values[f"camera_angle_{axis}"])
+    if not 0 < angle < math.pi:
+        raise InputError(
+            f"{what}: camera_angle_{axis} is {angle:g}; it is the angle of view in radians, between 0 and pi"
+        )
+    return 0.5 * side / math.tan(0.5 * angle)
 
 
 def points_file(path: Path) -> Path | None:
     """The sparse points that nerfstudio puts beside the cameras."""
     try:
-        name = json.loads(path.read_text()).get("ply_file_path")
-    except (OSError, ValueError, AttributeError, RecursionError):
+        name = read_json(path).get("ply_file_path")
+    except (InputError, ValueError, AttributeError, RecursionError):
         return None
     beside = path.parent / str(name)
-    return beside if name and beside.is_file() else None
+    return beside if name and lies_in(beside, path.parent) and is_file(beside) else None
 
 
 def _points(path: Path, content: dict[str, Any]) -> np.ndarray:
@@ -115,6 +126,8 @@ def _points(path: Path, content: dict[str, Any]) -> np.ndarray:
     file = points_file(path)
     if file is None:
         return np.zeros((0, 3))
+    import trimesh  # here, because it takes a while and few files have points
+
     try:
         loaded: Any = trimesh.load(file, process=False)
         points = np.asarray(loaded.vertices, dtype=np.float64).reshape(-1, 3)

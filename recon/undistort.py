@@ -1,26 +1,30 @@
-"""Images without radial lens distortion, seen by a pinhole camera with the same K and size."""
+"""Images without their lens's distortion, seen by a pinhole camera with the same K and size."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from recon.scene import Poses
+from recon.lenses import bent
+from recon.scene import Lens, Poses
+
+_NOWHERE = -1e4  # px, far outside every picture
 
 
-def undistorted(image: np.ndarray, K: np.ndarray, distortion: float, *, mask: bool = False) -> np.ndarray:
+def undistorted(image: np.ndarray, K: np.ndarray, lens: Lens | None, *, mask: bool = False) -> np.ndarray:
     """Undistort an image (H, W) or (H, W, 3) uint8, or a mask (H, W) bool or uint8, of the photo as it was taken.
 
-    K (3, 3) in pixels with pixel centres at +0.5; `distortion` is k of COLMAP's SIMPLE_RADIAL, which is OpenCV's k1.
+    K (3, 3) in pixels of the image with pixel centres at +0.5; the lens may be told for another size of it.
     Pixels that the photo does not cover repeat its border; in masks they are empty.
     """
-    if distortion == 0.0:
+    if lens is None:
         return image.copy()
-    centred = np.asarray(K, dtype=np.float64).copy()
-    centred[:2, 2] -= 0.5  # OpenCV puts pixel centres at whole numbers
     height, width = image.shape[:2]
-    lens = np.array([distortion, 0.0, 0.0, 0.0])
-    x, y = cv2.initUndistortRectifyMap(centred, lens, np.eye(3), centred, (width, height), cv2.CV_32FC1)
+    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays = np.column_stack([(u.ravel() - K[0, 2]) / K[0, 0], (v.ravel() - K[1, 2]) / K[1, 1], np.ones(u.size)])
+    upright = lens.size[::-1] if lens.turns % 2 else lens.size
+    pixels = bent(lens, rays) * (np.array([width, height]) / upright) - 0.5  # OpenCV's centres are at whole numbers
+    x, y = np.nan_to_num(pixels, nan=_NOWHERE).clip(_NOWHERE, -_NOWHERE).T.reshape(2, height, width).astype(np.float32)
     if mask:
         source = image.astype(np.uint8)
         return cv2.remap(source, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT).astype(image.dtype)
@@ -33,5 +37,4 @@ def undistorted_mask(mask: np.ndarray, poses: Poses, name: str) -> np.ndarray:
     width, height = poses.cameras.sizes[i]
     if mask.shape != (height, width):
         raise ValueError(f"mask of {name} must be ({height}, {width}), got {mask.shape}")
-    k = 0.0 if poses.distortion is None else float(poses.distortion[i])
-    return undistorted(mask, poses.cameras.K[i], k, mask=True)
+    return undistorted(mask, poses.cameras.K[i], poses.lenses[i] if poses.lenses else None, mask=True)

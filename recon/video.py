@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from recon.av_capture import AvCapture
 from recon.scene import InputError
 from recon.store import digest
 from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.video")
 
-ENDINGS = {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mts"}
+ENDINGS = {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mts", ".m2ts", ".ts", ".3gp", ".ogv", ".mpg", ".wmv"}
 LOOK_SIDE = 480  # px, longest side at which sharpness is measured: sensor noise is gone, motion blur is not
 THUMB = 24  # px, side of the square thumbnails that frames are compared by
 DONE = "frames.json"
@@ -54,11 +55,11 @@ class Look:
 
 def is_video(path: Path) -> bool:
     """Whether a file is a video by its beginning, or by its name."""
-    return path.is_file() and (path.suffix.lower() in ENDINGS or _container(path))
+    return path.is_file() and (path.suffix.lower() in ENDINGS or is_container(path))
 
 
-def _container(path: Path) -> bool:
-    """Whether a file begins as MP4/MOV, AVI, MKV/WEBM or an MPEG transport stream does."""
+def is_container(path: Path) -> bool:
+    """Whether a file begins as MP4/MOV, AVI, MKV/WEBM, Ogg, WMV or an MPEG stream does."""
     try:
         with path.open("rb") as file:
             start = file.read(400)
@@ -66,14 +67,15 @@ def _container(path: Path) -> bool:
         return False
     boxes = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot")
     mp4 = start[4:8] in boxes and not start[8:12].startswith((b"hei", b"mif1", b"msf1", b"avi", b"hev"))
+    other = start[:4] in (b"\x1aE\xdf\xa3", b"OggS", b"\0\0\x01\xba", b"0&\xb2u")  # MKV, Ogg, MPEG, WMV
     stream = any(len(start) > p + 188 and start[p] == start[p + step] == 0x47 for p, step in ((0, 188), (4, 192)))
-    return mp4 or (start[:4] == b"RIFF" and start[8:12] == b"AVI ") or start[:4] == b"\x1aE\xdf\xa3" or stream
+    return mp4 or (start[:4] == b"RIFF" and start[8:12] == b"AVI ") or other or stream
 
 
 def check(path: Path) -> None:
     """Raise InputError when a file does not even begin like a video."""
-    if not _container(path):
-        raise InputError(f"{path} is no video that can be read (MP4, MOV, AVI, MKV and WEBM are)")
+    if not is_container(path):
+        raise InputError(f"{path} is no video that can be read (MP4, MOV, AVI, MKV, WEBM and MTS are)")
 
 
 def extract(path: Path, folder: Path, options: VideoOptions = VideoOptions()) -> tuple[str, ...]:
@@ -116,25 +118,37 @@ def file_digest(path: Path, options: VideoOptions) -> str:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+def _opened(path: Path) -> Iterator[cv2.VideoCapture | AvCapture]:
     """The decoder, which turns frames upright as the file says; its own chatter about damage is kept quiet."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if not str(path.resolve()).isprintable():  # the decoder crashes on names that are not UTF-8
         raise InputError(f"the name of {path} has characters that the video's decoder cannot take; rename it")
     before = cv2.getLogLevel()
     cv2.setLogLevel(0)
-    capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    capture = _capture(path)
     try:
-        if not capture.isOpened():
-            raise InputError(
-                f"{path} cannot be decoded: it is cut off, damaged, or its codec is not known; record or export it "
-                "anew (MP4 with H.264 is safe)"
-            )
-        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         yield capture
     finally:
         capture.release()
         cv2.setLogLevel(before)
+
+
+def _capture(path: Path) -> cv2.VideoCapture | AvCapture:
+    """OpenCV's decoder where it knows the codec, else PyAV's. Raises InputError."""
+    capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    knows = capture.isOpened() and capture.grab()
+    capture.release()
+    if knows:  # begun anew, since a frame was taken
+        capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+        return capture
+    try:
+        return AvCapture(path)
+    except (OSError, ValueError) as error:  # FFmpeg's errors are both
+        raise InputError(
+            f"{path} cannot be decoded: it is cut off, damaged, or its codec is not known; record or export it "
+            "anew (MP4 with H.264 is safe)"
+        ) from error
 
 
 def _look(path: Path, options: VideoOptions) -> Look:

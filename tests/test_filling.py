@@ -44,7 +44,7 @@ def test_added_cameras_lie_where_they_should(elsewhere):
     assert full.unregistered == ("x",)
     assert full.tracks.shape == (2, 7)
     assert not full.tracks[:, 5:].any()
-    assert len(full.paths) == len(full.distortion) == 7
+    assert len(full.paths) == len(full.lenses) == 7
 
 
 def test_frames_that_disagree_are_not_mixed(elsewhere):

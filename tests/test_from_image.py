@@ -236,13 +236,13 @@ def test_a_box_that_cannot_be_used_is_named(box, words, tmp_path):
 
 def test_masks_that_cannot_be_used_are_named(tmp_path):
     photo = _photo(tmp_path / "a.png")
-    inverted = np.ones(SIZE[::-1], bool)
-    inverted[60:180, 100:180] = False
+    frame = np.ones(SIZE[::-1], bool)
+    frame[60:180:40, 100:180:30] = False  # specks: no inverted object either
     dot = np.zeros(SIZE[::-1], bool)
     dot[5:8, 5:8] = True
     cases = {
         "all black": np.zeros(SIZE[::-1], bool),
-        "border all round": inverted,
+        "border all round": frame,
         "tiny": dot,
         "not the shape": np.eye(64, dtype=bool),
     }
@@ -254,6 +254,34 @@ def test_masks_that_cannot_be_used_are_named(tmp_path):
     (tmp_path / "b.png").write_bytes(b"no image")
     with pytest.raises(InputError):
         one_mask.run(tmp_path / "b.png", tmp_path / "work")
+
+
+def test_an_inverted_mask_is_turned_round_and_that_is_said(tmp_path):
+    """White background, black object: alone, beside a photo, and with a part that is hidden (middle grey)."""
+    true = np.zeros(SIZE[::-1], bool)
+    true[60:180, 100:180] = True
+    file = _saved(~true, tmp_path / "mask.png")
+    for masked in (
+        one_mask.run(_photo(tmp_path / "a.png"), tmp_path / "work", mask_file=file),
+        one_mask.run(file, tmp_path / "work"),
+    ):
+        assert (masked.mask == true).all()
+        assert "inverted" in masked.warnings[0]
+    grey = np.where(true, 0, 255).astype(np.uint8)
+    grey[60:100, 100:180] = 128
+    Image.fromarray(grey).save(file)
+    masked = one_mask.run(file, tmp_path / "work")
+    hidden = np.zeros_like(true)
+    hidden[60:100, 100:180] = True
+    assert (masked.mask == (true & ~hidden)).all()
+
+
+def test_a_box_that_the_object_runs_into_or_fills(tmp_path):
+    photo = _photo(tmp_path / "a.png", boxes=((100, 60, 80, 120),))
+    masked = one_mask.run(photo, tmp_path / "work", box=(90, 50, 60, 140))
+    assert "seems to cut the object of a.png (right)" in masked.warnings[0]
+    with pytest.raises(InputError, match=r"fills the box|no object could be told"):
+        one_mask.run(photo, tmp_path / "work", box=(105, 65, 70, 110))
 
 
 def test_a_box_is_four_numbers():

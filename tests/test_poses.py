@@ -16,7 +16,7 @@ from recon import frames as frames_stage
 from recon.attempts import Rung
 from recon.matching_plan import camera_groups, image_pairs
 from recon.poses import PosesOptions
-from recon.scene import Cameras, Frames, Poses, ReconstructionError
+from recon.scene import Cameras, Frames, Lens, Poses, ReconstructionError
 from recon.undistort import undistorted, undistorted_mask
 
 SIZE = (480, 360)
@@ -120,7 +120,7 @@ def test_cameras_are_where_they_were(placed):
     assert rotation < 0.3
     assert centre < 0.005
     assert placed.cameras.K[:, 0, 0] == pytest.approx(430, rel=0.01)
-    assert placed.distortion == pytest.approx(DISTORTION, abs=0.02)
+    assert [lens.params[3] for lens in placed.lenses] == pytest.approx([DISTORTION] * COUNT, abs=0.02)
     assert len(np.unique(placed.cameras.K[:, 0, 0])) == 1  # one camera took them all
 
 
@@ -155,13 +155,14 @@ def test_undistorted_photos_are_pinhole_pictures(placed):
 
 def test_distorting_and_undistorting_gives_the_picture_back():
     ideal = render(truth()[0])
-    back = undistorted(distorted(ideal), K, DISTORTION)
-    shifted = undistorted(distorted(ideal), shift(0.5) @ K, DISTORTION)
+    lens = Lens("SIMPLE_RADIAL", np.array([K[0, 0], K[0, 2], K[1, 2], DISTORTION]), np.array(SIZE))
+    back = undistorted(distorted(ideal), K, lens)
+    shifted = undistorted(distorted(ideal), shift(0.5) @ K, lens)
     inner = (slice(30, -30), slice(30, -30))
     error, worse = (np.abs(im[inner].astype(float) - ideal[inner]).mean() for im in (back, shifted))
     assert error < 4
     assert error < worse
-    assert np.array_equal(undistorted(ideal, K, 0.0), ideal)
+    assert np.array_equal(undistorted(ideal, K, None), ideal)
 
 
 def test_masks_follow_the_photos(placed):
@@ -294,10 +295,10 @@ def test_diagnosis(change, says):
     assert "7.jpg" in text
 
 
-def test_distortion_is_one_number_a_camera():
+def test_a_lens_a_camera():
     cameras = Cameras(("a",), np.eye(3)[None], np.eye(4)[None], np.array([[4, 4]]))
-    with pytest.raises(ValueError, match="distortion"):
-        Poses(cameras, (Path("a"),), np.zeros((0, 3)), np.zeros((0, 1), bool), distortion=np.zeros(2))
+    with pytest.raises(ValueError, match="lens"):
+        Poses(cameras, (Path("a"),), np.zeros((0, 3)), np.zeros((0, 1), bool), lenses=(None, None))
 
 
 @pytest.mark.slow

@@ -16,7 +16,8 @@ from PIL import Image
 from recon import silhouettes, usermasks
 from recon.cutout import CutoutOptions
 from recon.floor import find_room, floor_plane, up_direction
-from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError, Silhouettes
+from recon.mask_checks import implausible
+from recon.scene import Cameras, Frames, InputError, Lens, Poses, ReconstructionError, Silhouettes
 from recon.undistort import undistorted_mask
 
 SIZE = (240, 180)  # width, height
@@ -252,11 +253,71 @@ def test_a_mask_that_contradicts_the_others_is_dropped_and_named(scene: Scene, t
     assert "contradicts" in found.reasons[0][1]
 
 
-@pytest.mark.parametrize("name", ["IMG_00.png", "IMG_00.jpg.png", "IMG_00.bmp", "img_00.PNG", "IMG_00.jpg"])
+NAMES = ["IMG_00.png", "IMG_00.jpg.png", "IMG_00.bmp", "img_00.PNG", "IMG_00.jpg", "IMG_00_mask.png", "mask_IMG_00.png"]
+NAMES += ["IMG_00.jpg.mask.png", "IMG_00-mask.png", "mask-img_00.png", "Masks/IMG_00.png", "IMG_00/mask.png"]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_names_that_fit(scene: Scene, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).parent.mkdir(exist_ok=True)
     Image.fromarray(scene.truth[0]).convert("RGB").save(tmp_path / name, quality=90)
+    (tmp_path / "._IMG_00.png").write_bytes(b"\0\5\x16\7" + b"\0" * 99)
+    (tmp_path / "Thumbs.db").write_bytes(b"x")
     loaded = usermasks.load_folder(tmp_path, scene.frames, scene.poses)
     assert (loaded.masks["IMG_00.jpg"] == scene.truth[0]).mean() > 0.999
+
+
+def test_of_a_photo_and_its_mask_in_one_folder_the_mask_is_taken(scene: Scene, tmp_path: Path) -> None:
+    Image.fromarray(scene.truth[0]).save(tmp_path / "IMG_00_mask.png")
+    (tmp_path / "IMG_00.jpg").write_bytes(scene.frames.paths[0].read_bytes())
+    loaded = usermasks.load_folder(tmp_path, scene.frames, scene.poses)
+    assert (loaded.masks["IMG_00.jpg"] == scene.truth[0]).all()
+    assert not loaded.bad
+
+
+def test_a_raw_photo_of_the_same_name_takes_no_mask_away(scene: Scene, tmp_path: Path) -> None:
+    frames = replace(scene.frames, skipped=(("IMG_00.DNG", "raw"),))
+    assert "IMG_00.jpg" in usermasks.load_folder(save_masks(scene, tmp_path), frames, scene.poses).masks
+
+
+@pytest.mark.parametrize("which", ["all", "some"])
+def test_inverted_masks_are_turned_round_and_that_is_said(scene: Scene, tmp_path: Path, which: str) -> None:
+    folder = save_masks(scene, tmp_path / "m")
+    inverted = range(len(scene.truth)) if which == "all" else (2, 9)
+    for v in inverted:
+        Image.fromarray(~scene.truth[v]).save(folder / f"IMG_{v:02d}.png")
+    found = silhouettes.run(scene.frames, scene.poses, folder, tmp_path, FAST)
+    assert scene.scores(found.masks).min() == 1
+    assert found.used.all()
+    assert f"{len(inverted)} of {len(scene.truth)} masks are inverted" in found.warnings[0]
+
+
+def test_objects_that_fill_their_photos_are_not_turned_round(scene: Scene, tmp_path: Path) -> None:
+    """White along most of the edge, and yet right: what is black are corners that have no common inside."""
+    folder = tmp_path / "m"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for name in scene.frames.names:
+        mask = np.ones(SIZE[::-1], np.uint8) * 255
+        corner = rng.integers(0, 4)
+        rows = slice(0, 60) if corner < 2 else slice(-60, None)
+        mask[rows, slice(0, 70) if corner % 2 else slice(-70, None)] = 0
+        Image.fromarray(mask).save(folder / f"{Path(name).stem}.png")
+    found = silhouettes.run(scene.frames, scene.poses, folder, tmp_path, FAST)
+    assert not found.warnings
+    assert all(m.mean() > 0.8 for m in found.masks)
+
+
+def test_automatic_masks_that_cannot_be_right_are_told() -> None:
+    good = np.zeros((90, 120), bool)
+    good[20:70, 30:90] = True
+    cut, two, full = good.copy(), good.copy(), np.ones_like(good)
+    cut[70:] = cut[69]
+    two[:, 50:60] = False
+    assert implausible([good] * 4 + [cut]) == []
+    assert "in 3 of 5 photos the object that was found reaches" in implausible([good] * 2 + [cut] * 3)[0]
+    assert "separate pieces" in implausible([two, two, good])[0]
+    assert any("fills the photo" in w and "--masks" in w for w in implausible([full, full, good]))
 
 
 def test_same_stem_twice_needs_the_full_name(scene: Scene, tmp_path: Path) -> None:
@@ -288,7 +349,11 @@ def test_any_size_any_depth_and_turned_files(tmp_path: Path) -> None:
 
 
 def test_masks_are_undistorted_as_the_photos_were(scene: Scene, tmp_path: Path) -> None:
-    poses = replace(scene.poses, distortion=np.full(len(scene.truth), 0.2))
+    lenses = tuple(
+        Lens("SIMPLE_RADIAL", np.array([K[0, 0], K[0, 2], K[1, 2], 0.2]), size)
+        for K, size in zip(scene.poses.cameras.K, scene.poses.cameras.sizes, strict=True)
+    )
+    poses = replace(scene.poses, lenses=lenses)
     loaded = usermasks.load_folder(save_masks(scene, tmp_path), scene.frames, poses)
     expected = undistorted_mask(scene.truth[0], poses, "IMG_00.jpg")
     assert (expected != scene.truth[0]).any()
