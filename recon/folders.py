@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from pathlib import Path
+
+from recon import limits
+from recon.store import digest
 
 _LEFT_BY_SYSTEMS = {"thumbs.db", "desktop.ini", "ehthumbs.db", "__macosx", "icon\r"}  # besides ._* and other dot files
 
@@ -24,6 +28,21 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def digest_of(files: list[Path], folder: Path) -> str:
+    """A digest of the names below `folder` and the contents of files; of too large or unreadable ones, of less."""
+    return digest([[str(p.relative_to(folder)), _content(p)] for p in files])
+
+
+def _content(path: Path) -> str:
+    try:
+        if (size := path.stat().st_size) > limits.PICTURE_BYTES:
+            return f"{size} bytes"
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return "unreadable"
 
 
 def lies_in(path: Path, folder: Path) -> bool:

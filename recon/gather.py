@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recon import known_cameras, splat_views, video, zipped
-from recon.folders import is_file
+from recon.folders import digest_of, is_file
+from recon.photo_folder import choose
 from recon.scene import InputError
 from recon.store import digest, folder_digest
 
@@ -78,7 +79,7 @@ def run(
     if found is None and look_for_cameras:
         found = known_cameras.find(source)
     if found is None:
-        return Photos(folder, None, folder_digest(folder), warnings)
+        return Photos(folder, None, digest_of(choose(folder).files, folder), warnings)
     return _known(known_cameras.gather(folder, found, work / FOLDER, outside), warnings)
 
 

@@ -33,10 +33,11 @@ from recon import (
     video,
     wanted,
 )
+from recon.folders import digest_of
 from recon.outputs import OutputPaths
 from recon.result import REGISTERED, Result
 from recon.scene import InputError
-from recon.store import Store, code_version, dataclasses_of, digest, folder_digest
+from recon.store import Store, code_version, dataclasses_of, digest
 from recon.versions import versions
 
 log = logging.getLogger("recon")
@@ -94,11 +95,12 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
 
     shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
     drawn = options.masks or (source.cameras.masks if source.cameras else None)
-    looked_at = folder_digest(drawn if source.cameras or options.poses.turntable else None)
+    masks_key = "none" if drawn is None else digest_of(usermasks.files(drawn), drawn)
+    looked_at = masks_key if source.cameras or options.poses.turntable else "none"
     placed = stages.run("poses", [options.poses, looked_at], lambda: _placed(shots, source, drawn, work, options))
     masks = stages.run(
         "silhouettes",
-        [options.silhouettes, folder_digest(drawn)],
+        [options.silhouettes, masks_key],
         lambda: silhouettes.run(shots, placed, drawn, work, options.silhouettes),
     )
     place = stages.run("align", options.align, lambda: align.run(placed, masks, options.align))

@@ -27,6 +27,9 @@ from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.poses")
 
+# As working copies are written: without loss of colour's resolution.
+JPEG = (cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+
 
 @dataclass(frozen=True)
 class PosesOptions:
@@ -102,8 +105,7 @@ def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...])
         if photo is None:
             raise InputError(f"the working copy {frames.paths[i]} is gone; run again with --force")
         path = out / frames.paths[i].name
-        quality = [cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-        write_picture(path, undistorted(photo, k, lenses[-1]), *quality)
+        write_picture(path, undistorted(photo, k, lenses[-1]), *JPEG)
         paths.append(path)
     cameras = Cameras(
         tuple(frames.names[i] for i in found.view), found.K, found.cam_from_world, frames.sizes[found.view]

@@ -32,6 +32,7 @@ class SilhouetteOptions:
     seed: int = 0  # RANSAC and GrabCut; same seed, same photos: same masks
     floor: FloorOptions = field(default_factory=FloorOptions)
     cutout: CutoutOptions = field(default_factory=CutoutOptions)
+    few: int = 8  # photos; with fewer, that nothing was found is put down to it
     judge_cells: int = 96  # cells along the object's box in which masks are compared
     judge_share: float = 0.8  # of the other masks that must contain a cell
     judge_below: float = 0.6  # a view is dropped when its IoU with the others' shape is below this x the median IoU
@@ -65,6 +66,11 @@ def run(
             found = _found(poses, room, given, options)
             masks = [found[v] if v in open_views else m for v, m in enumerate(masks)]
         except ReconstructionError as error:
+            if not given and len(cameras) < options.few:
+                raise ReconstructionError(
+                    f"{len(cameras)} photos with cameras are too few to tell the object from the room by themselves; "
+                    f"give masks (--masks, white = object), or more photos ({error})"
+                ) from error
             if not given:
                 raise
             reasons += [(cameras.names[v], f"has no mask, and none was found: {error}") for v in open_views]

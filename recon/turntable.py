@@ -12,6 +12,7 @@ import numpy as np
 from recon import usermasks
 from recon.mask_checks import surely_inverted
 from recon.photo import BACKGROUND
+from recon.poses import JPEG
 from recon.scene import Frames, InputError
 from recon.whole_files import write_picture
 
@@ -41,7 +42,7 @@ def object_alone(frames: Frames, masks: Path | None, workdir: Path) -> Frames:
             raise InputError(f"the working copy {path} is gone; run again with --force")
         if name in found:
             image = np.where(found[name][..., None], image, np.array(BACKGROUND, np.uint8))
-        write_picture(out / path.name, image, cv2.IMWRITE_JPEG_QUALITY, 95)
+        write_picture(out / path.name, image, *JPEG)
         paths.append(out / path.name)
     return replace(frames, paths=tuple(paths))
 
