@@ -30,6 +30,14 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def exists(path: Path) -> bool:
+    """Whether something is there; False for names that no file system takes."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def digest_of(files: list[Path], folder: Path) -> str:
     """A digest of the names below `folder` and the contents of files; of too large or unreadable ones, of less."""
     return digest([[str(p.relative_to(folder)), _content(p)] for p in files])

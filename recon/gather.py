@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recon import known_cameras, splat_views, video, zipped
-from recon.folders import digest_of, is_file
+from recon.folders import digest_of, exists, is_file
 from recon.photo_folder import choose
 from recon.scene import InputError
 from recon.store import digest, folder_digest
@@ -31,7 +31,7 @@ class Photos:
 
 def check(source: Path, cameras: Path | None) -> None:
     """Raise InputError when `source` is none of what `run` takes, before anything is written."""
-    if cameras is not None and not cameras.exists():
+    if cameras is not None and not exists(cameras):
         raise InputError(f"{cameras} does not exist; --cameras wants a COLMAP model's folder or a transforms.json")
     if cameras is not None:
         known_cameras.required(cameras)

@@ -15,6 +15,7 @@ from recon import photo_folder, zipped
 from recon.files import camera_table, formats
 from recon.files.head import head_of
 from recon.files.shape import SHAPES, Kind, Recognised
+from recon.folders import exists
 from recon.photo import UnreadablePhoto, opened
 from recon.raw_photo import is_raw
 from recon.scene import InputError
@@ -32,8 +33,10 @@ def recognise(path: Path, forced: str | None = None) -> Recognised:
     """
     if forced is not None and forced not in list(Kind):
         raise InputError(f"--input {forced!r} is not a kind of input; kinds: {', '.join(Kind)}")
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"{path} does not exist; it is not a folder of photos and not a file")
+    if not (path.is_dir() or path.is_file()):
+        raise InputError(f"{path} is a pipe or a device, not a file or a folder")
     try:
         seen = _folder(path) if path.is_dir() else _file(path)
     except InputError:

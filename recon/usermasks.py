@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from recon import limits
-from recon.folders import entries, is_file
+from recon.folders import entries, exists, is_file
 from recon.photo import FORMATS, UnreadablePhoto, opened
 from recon.scene import Frames, InputError, Poses
 from recon.undistort import undistorted_mask
@@ -47,7 +47,7 @@ class UserMasks:
 
 def files(folder: Path) -> list[Path]:
     """The pictures of a folder of masks, or, when it has none of its own, of its folders. Raises InputError."""
-    if not folder.is_dir():
+    if not (exists(folder) and folder.is_dir()):
         raise InputError(f"the folder of masks {folder} does not exist; give the folder that holds them. {EXPECTED}")
     found = _pictures(folder) or [f for inner in entries(folder) if inner.is_dir() for f in _pictures(inner)]
     if not found:

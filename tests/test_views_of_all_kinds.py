@@ -19,6 +19,7 @@ from recon import frames, gather, inputs, limits, raw_photo, video, zipped
 from recon.frames import FramesOptions
 from recon.scene import InputError
 from recon.video import VideoOptions
+from run_recon import main
 
 COFFEE = Image.fromarray(data.coffee())  # 600 x 400
 
@@ -246,6 +247,21 @@ def test_a_file_that_may_not_be_read(folder, monkeypatch):
     found = read(folder)
     assert found.names == ("0.jpg", "2.jpg")
     assert "permissions" in dict(found.skipped)["1.jpg"]
+
+
+@pytest.mark.parametrize("option", ["INPUT", "--masks", "--cameras"])
+@pytest.mark.parametrize("kind", ["long", "pipe", "device", "loop"])
+def test_paths_that_are_no_files(folder, capsys, option, kind):
+    for i in range(3):
+        photo(i).save(folder / f"{i}.jpg")
+    os.mkfifo(folder.parent / "pipe")
+    (folder.parent / "loop").symlink_to(folder.parent / "loop")
+    odd = {"long": "x" * 300, "device": "/dev/zero"}.get(kind, str(folder.parent / kind))
+    given = [odd] if option == "INPUT" else [str(folder), option, odd]
+    assert main([*given, "--out", str(folder.parent / "out")]) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("error: ")
+    assert odd in last
 
 
 @pytest.mark.parametrize("name", ["{}_mask.png", "{}.jpg.mask.png", "mask_{}.png"])
