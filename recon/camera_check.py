@@ -17,14 +17,23 @@ from recon.mask_checks import surely_inverted
 from recon.scene import Cameras, InputError
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-# What a file may hold instead of what its format says, and what cam_from_world then is.
-CONVENTIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "the other axes (OpenGL's, y up and z backward, where OpenCV's belong, or the reverse)": lambda m: _FLIP @ m,
-    "inverse poses (world_from_camera where camera_from_world belongs, or the reverse)": np.linalg.inv,
-    "inverse poses and the other axes (OpenGL's where OpenCV's belong, or the reverse)": lambda m: (
-        _FLIP @ np.linalg.inv(m)
-    ),
-}
+_AXES = {"OpenCV": "OpenCV's axes (y down, z forward)", "OpenGL": "OpenGL's axes (y up, z backward)"}
+_INVERSE = "inverse poses (camera_from_world and world_from_camera exchanged)"
+
+
+def conventions(axes: str) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """What a file may hold instead of what its format says, and what its cam_from_world (V, 4, 4) then is.
+
+    axes  the format's own, "OpenCV" or "OpenGL"
+    """
+    other = _AXES["OpenGL" if axes == "OpenCV" else "OpenCV"]
+    return {
+        other: lambda m: _FLIP @ m,
+        _INVERSE: np.linalg.inv,
+        f"{_INVERSE} and {other}": lambda m: _FLIP @ np.linalg.inv(m),
+    }
+
+
 FITS, FAILS = 0.8, 0.5  # of what was seen that a convention must explain to be taken, and below which it is refused
 NEAR = 0.6  # of a mask's radius that the common middle may lie off the mask's own: objects are not symmetric
 LEAST = 3  # views with a mask, fewer prove nothing
@@ -38,45 +47,51 @@ def fitting(
     points: np.ndarray,
     tracks: np.ndarray,
     source: Path,
+    axes: str = "OpenCV",
 ) -> tuple[Cameras, list[str]]:
     """The cameras, in another convention where only that fits, and a warning that says so.
 
     masks   (H, W) bool by view, white = object
     points  (n, 3) in the cameras' world, tracks (n, V) bool; n may be 0
-    source  the file or folder of the cameras, for messages
+    source  the file or folder of the cameras, and axes its format's, "OpenCV" or "OpenGL"; for messages
     Raises InputError when no convention fits.
     """
     used = {v: ~m if surely_inverted(m) else m for v, m in masks.items() if m.any()}
     if len(used) >= LEAST:
-        return _first_that_fits(cameras, lambda c: _meet(c, used), "the masks", source)
+        return _first_that_fits(cameras, lambda c: _meet(c, used), "the masks", source, axes)
     if tracks.sum() >= LEAST_SIGHTS:
-        return _first_that_fits(cameras, lambda c: _in_view(c, points, tracks), "their own points", source)
+        return _first_that_fits(cameras, lambda c: _in_view(c, points, tracks), "their own points", source, axes)
     return cameras, []
 
 
 def _first_that_fits(
-    cameras: Cameras, score: Callable[[Cameras], float], what: str, source: Path
+    cameras: Cameras, score: Callable[[Cameras], float], what: str, source: Path, axes: str
 ) -> tuple[Cameras, list[str]]:
     stated = score(cameras)
     if stated >= FAILS:
         return cameras, []
-    others = {n: replace(cameras, cam_from_world=change(cameras.cam_from_world)) for n, change in CONVENTIONS.items()}
+    others = _others(cameras, axes)
     scores = {name: score(other) for name, other in others.items()}
     best = max(scores, key=lambda name: scores[name])
     if scores[best] < FITS:
         raise InputError(
             f"the cameras in {source} do not fit {what}: {stated:.0%} of the views agree on where things are, and at "
-            f"most {scores[best]:.0%} with inverse poses or OpenGL's axes; do they belong to these photos? Photos "
+            f"most {scores[best]:.0%} with inverse poses or other axes; do they belong to these photos? Photos "
             "alone do without cameras (--input photos)"
         )
     return others[best], [
-        f"{source} fits {what} only as {best}: {scores[best]:.0%} of the views agree then, {stated:.0%} as its format "
-        "has it; so it was taken that way"
+        f"{source} fits {what} only with {best}: {scores[best]:.0%} of the views agree then, {stated:.0%} as its "
+        "format has it; so it was taken that way"
     ]
 
 
+def _others(cameras: Cameras, axes: str) -> dict[str, Cameras]:
+    changes = conventions(axes)
+    return {n: replace(cameras, cam_from_world=change(cameras.cam_from_world)) for n, change in changes.items()}
+
+
 def by_matches(
-    cameras: Cameras, count: Callable[[Cameras], int], stated: int, source: Path
+    cameras: Cameras, count: Callable[[Cameras], int], stated: int, source: Path, axes: str
 ) -> tuple[Cameras, list[str]]:
     """As `fitting`, where neither masks nor points are there: by how many matches of the photos a convention explains.
 
@@ -85,14 +100,14 @@ def by_matches(
     """
     if len(cameras) < LEAST:
         return cameras, []
-    others = {n: replace(cameras, cam_from_world=change(cameras.cam_from_world)) for n, change in CONVENTIONS.items()}
+    others = _others(cameras, axes)
     counts = {name: count(other) for name, other in others.items()}
     best = max(counts, key=lambda name: counts[name])
     if counts[best] < max(LEAST_SIGHTS, MORE * stated):
         return cameras, []
     return others[best], [
-        f"{source} fits its photos only as {best}: {counts[best]} points match then, {stated} as its format has it; so "
-        "it was taken that way"
+        f"{source} fits its photos only with {best}: {counts[best]} points match then, {stated} as its format has it; "
+        "so it was taken that way"
     ]
 
 

@@ -172,14 +172,15 @@ def run(frames: Frames, given: Given, workdir: Path, masks: Path | None = None) 
     placed = place(frames, given, workdir)
     known, _, _ = usermasks.known(frames, placed, masks)
     by_view = {placed.cameras.names.index(name): mask for name, (_, mask) in known.items()}
-    checked, said = camera_check.fitting(placed.cameras, by_view, placed.points, placed.tracks, given.source)
+    axes = camera_table.reader_of(given.source).axes
+    checked, said = camera_check.fitting(placed.cameras, by_view, placed.points, placed.tracks, given.source, axes)
     points, tracks = placed.points, placed.tracks
     if not (given.masked or len(by_view) == len(checked)) and len(points) < LEAST_POINTS:
         log.info("looking for points of the room, which the file has too few of")
         points, tracks = triangulate(checked, placed.paths)
         if len(points) < LEAST_POINTS and not by_view:
             checked, said = camera_check.by_matches(
-                checked, lambda c: len(triangulate(c, placed.paths)[0]), len(points), given.source
+                checked, lambda c: len(triangulate(c, placed.paths)[0]), len(points), given.source, axes
             )
             points, tracks = triangulate(checked, placed.paths) if said else (points, tracks)
     for warning in (*given.warnings, *said):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +53,8 @@ def _masks(frames: Frames, folder: Path | None) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for name, path, (width, height) in zip(frames.names, frames.alpha, frames.sizes, strict=True):
         if path is not None:
-            found[name] = usermasks.read_mask(path, (int(width), int(height)))
+            with contextlib.suppress(usermasks.BadMask):  # nearly all of it is opaque, or transparent
+                found[name] = usermasks.read_mask(path, (int(width), int(height)))
     if folder is not None:
         own, _ = usermasks.drawn(folder, frames, frames.names)
         found |= own.masks

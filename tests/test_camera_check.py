@@ -14,7 +14,7 @@ from recon.camera_files import transforms
 from recon.scene import Cameras, InputError
 
 SHIPPED = Path(__file__).parents[1] / "datasets" / "samples" / "chair"
-NAMED = list(camera_check.CONVENTIONS)
+NAMED = list(camera_check.conventions("OpenGL"))
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,9 @@ def test_the_convention_that_fits_is_taken_and_named(shipped, rng, name, by):
     cameras, masks = shipped
     points, tracks = seen(cameras, rng)
     given = {"masks": masks, "inverted masks": {v: ~m for v, m in masks.items()}, "points": {}}[by]
-    found, (said,) = camera_check.fitting(wrong(cameras, name), given, points, tracks, Path("set/transforms.json"))
+    found, (said,) = camera_check.fitting(
+        wrong(cameras, name), given, points, tracks, Path("set/transforms.json"), "OpenGL"
+    )
     np.testing.assert_allclose(found.cam_from_world, cameras.cam_from_world, atol=1e-9)
     assert name in said
     assert "set/transforms.json" in said
@@ -73,7 +75,7 @@ def test_cameras_of_something_else_are_refused(shipped, rng, by):
     shuffled = replace(cameras, cam_from_world=np.linalg.qr(rng.normal(size=(len(cameras), 4, 4)))[0])
     shuffled.cam_from_world[:, 3] = [0, 0, 0, 1]
     shuffled.cam_from_world[:, :3, 3] = rng.normal(size=(len(cameras), 3)) * 9
-    with pytest.raises(InputError, match=r"model do not fit .*inverse poses or OpenGL's axes") as caught:
+    with pytest.raises(InputError, match=r"model do not fit .*inverse poses or other axes") as caught:
         camera_check.fitting(shuffled, masks if by == "masks" else {}, points, tracks, Path("model"))
     assert "\n" not in str(caught.value)
 
@@ -101,4 +103,4 @@ def test_photos_alone_tell_the_axes(tmp_path, flipped):
     poses = known_cameras.run(shots, given, tmp_path)
     np.testing.assert_allclose(poses.cameras.cam_from_world, cameras.cam_from_world, atol=1e-9)
     assert len(poses.points) > 300
-    assert any("OpenGL" in w for w in poses.warnings) == flipped
+    assert any("only with OpenCV's axes" in w for w in poses.warnings) == flipped

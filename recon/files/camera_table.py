@@ -23,6 +23,7 @@ class CameraReader:
     """One format. `matches` and the others take the file, or the folder where the format is one.
 
     describe  what it is, in words
+    axes      the cameras' axes in the format, "OpenCV" or "OpenGL", as people mix them up
     files     the files that decide the cameras, for telling whether they changed
     """
 
@@ -30,6 +31,7 @@ class CameraReader:
     matches: Callable[[Path], bool]
     read: Callable[[Path, Library], CameraRecords]
     files: Callable[[Path], list[Path]] = lambda path: [path]
+    axes: str = "OpenCV"
 
 
 def _transforms_files(path: Path) -> list[Path]:
@@ -44,8 +46,9 @@ READERS = (
         transforms_file.is_transforms,
         lambda p, library: transforms_file.read(p, library.upright_size),
         _transforms_files,
+        "OpenGL",
     ),
-    CameraReader("Polycam's raw data", polycam.matches, lambda p, _: polycam.read(p), polycam.files),
+    CameraReader("Polycam's raw data", polycam.matches, lambda p, _: polycam.read(p), polycam.files, "OpenGL"),
     CameraReader("cameras.json of a splat", splat_cameras.matches, lambda p, _: splat_cameras.read(p)),
     CameraReader("Metashape's XML", metashape.matches, lambda p, _: metashape.read(p)),
     CameraReader(
