@@ -68,8 +68,8 @@ def run(
         except ReconstructionError as error:
             if not given and len(cameras) < options.few:
                 raise ReconstructionError(
-                    f"{len(cameras)} photos with cameras are too few to tell the object from the room by themselves; "
-                    f"give masks (--masks, white = object), or more photos ({error})"
+                    f"{len(cameras)} photos are too few to tell the object from the room by themselves; give masks "
+                    "(--masks, white = object), or more photos"
                 ) from error
             if not given:
                 raise
