@@ -140,7 +140,7 @@ def _archive(path: Path, head: bytes) -> Recognised | None:
     if photos := zipped.photos_in(path):
         return Recognised(Kind.PHOTOS, f"a zip file of {photos} photos")
     if zipfile.is_zipfile(path):
-        raise InputError(f"{path} is a zip file without photos and numpy arrays; unpack it and give what is inside")
+        raise InputError(f"{path} is a zip file without numpy arrays; unpack it and give what is inside")
     raise InputError(f"{path} is a zip file that is damaged or cut short; copy it again")
 
 
