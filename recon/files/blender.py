@@ -38,7 +38,7 @@ def is_blend(head: Head) -> bool:
 
 
 def read(importer: str, endings: tuple[str, ...]) -> Callable[[Path], Surface]:
-    """A reader by one of recon.files.blender_import's importers, which wants one of these endings of a file's name."""
+    """A reader by one of procmodels.blender_import's importers, which wants one of these endings of a file's name."""
 
     def surface(path: Path) -> Surface:
         _checked_links(path)
@@ -48,7 +48,7 @@ def read(importer: str, endings: tuple[str, ...]) -> Callable[[Path], Surface]:
                 file = Path(folder) / f"shape{_ending(path, endings)}"
                 file.symlink_to(path.absolute())
             found = arrays_of(
-                path, "recon.files.blender_import", str(file), importer, advice="export the mesh as GLB or OBJ"
+                path, "procmodels.blender_import", str(file), importer, advice="export the mesh as GLB or OBJ"
             )
         if not len(found["triangles"]):
             raise InputError(f"{path} holds no visible mesh that Blender can import; export the mesh as GLB or OBJ")

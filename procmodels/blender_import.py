@@ -1,4 +1,4 @@
-"""Blender's importers, in a process of their own: `python -m recon.files.blender_import FILE IMPORTER OUT.npz`.
+"""Blender's importers, in a process of their own: `python -m procmodels.blender_import FILE IMPORTER OUT.npz`.
 
 Writes vertices (n, 3) and triangles (m, 3) of all that a render of the file would show, in Blender's axes (Z up).
 A file that crashes an importer ends this process alone.
