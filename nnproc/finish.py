@@ -15,7 +15,6 @@ import argparse
 import copy
 import json
 import logging
-import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -27,6 +26,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from datasets.synthetic import read
+from nnproc import child
 from nnproc.infer import WEIGHTS, load_network, save_network
 from nnproc.losses import LossWeights, kl_divergence, similarity_loss
 from nnproc.muon import Muon
@@ -209,10 +209,10 @@ def main(argv: list[str] | None = None) -> int:
             finish_half(args.class_name, args.half, data, work, options)
             return 0
         if args.half is None:
-            own = [sys.executable, "-m", "nnproc.finish", args.class_name, "--data", str(data), "--work", str(work)]
+            own = [args.class_name, "--data", str(data.resolve()), "--work", str(work.resolve())]
             for flag in ("seed", "on_grid_share", "decode_steps", "encode_steps"):
                 own += [f"--{flag.replace('_', '-')}", str(getattr(options, flag))]
-            halves = [subprocess.Popen([*own, "--half", half]) for half in HALVES]
+            halves = [child.start("nnproc.finish", *own, "--half", half) for half in HALVES]
             if any([p.wait() for p in halves]):
                 raise ValueError("a half failed; its message stands above")
         merge(args.class_name, data, work, options)

@@ -6,7 +6,6 @@ import json
 import logging
 import os
 import subprocess
-import sys
 import threading
 import time
 from dataclasses import asdict, dataclass, replace
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nnproc import child
 from recon.intrinsics import held
 from recon.matching_plan import camera_groups, image_pairs
 from recon.scene import Frames, camera_centres
@@ -82,8 +82,12 @@ class Attempt:
         return np.isin(np.arange(len(self.keypoints)), self.view)
 
 
-def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt | None, str, list[Attempt], list[str]]:
+def climb(
+    frames: Frames, folder: Path, logs: Path, options: PosesOptions
+) -> tuple[Attempt | None, str, list[Attempt], list[str]]:
     """The attempt that placed the most photos, its rung's name, all attempts, and what went wrong in crashed ones.
+
+    The attempts work in `folder`, which is for this run alone; what they say goes to `logs`.
 
     Of few photos every rung that reuses features is tried, which takes seconds: two photos of a plane can be placed in
     two ways, and when they come first, few others are there to show which one is wrong. The evidence decides.
@@ -99,7 +103,8 @@ def climb(frames: Frames, folder: Path, options: PosesOptions) -> tuple[Attempt 
         log.info("attempt %d, %s", i + 1, rung.name)
         started = time.monotonic()
         try:
-            attempt = _in_child(_request(frames, folder, i, rung, options), options.attempt_seconds)
+            request = _request(frames, folder, i, rung, options)
+            attempt = _in_child(request, logs / f"attempt_{i + 1}.log", options.attempt_seconds)
         except ChildError as error:
             log.warning("attempt %d (%s) failed: %s", i + 1, rung.name, error)
             failures.append(f"{rung.name}: {error}")
@@ -177,32 +182,30 @@ class ChildError(Exception):
     """The child crashed or took too long."""
 
 
-def _in_child(request: Path, seconds: float) -> Attempt:
+def _in_child(request: Path, chatter: Path, seconds: float) -> Attempt:
     """Run one request in a process of its own and read its answer. Raises ChildError."""
-    chatter = request.with_suffix(".log")
     with chatter.open("w") as file:
-        child = subprocess.Popen(
-            [sys.executable, "-m", "recon.poses", str(request.resolve())],
+        process = child.start(
+            "recon.poses",
+            str(request.resolve()),
             stdout=subprocess.PIPE,
             stderr=file,
-            text=True,
-            cwd=Path(__file__).resolve().parents[1],  # where this package is found, installed or not
             # Photos and pairs are spread over threads already. Threads below that (matrix products of the matching)
             # gain nothing and split their sums by what is free at the moment: not the same result twice.
             env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         )
-        timer = threading.Timer(seconds, child.kill)
+        timer = threading.Timer(seconds, process.kill)
         timer.start()
         late = False
         try:
-            for line in child.stdout or ():
+            for line in process.stdout or ():
                 log.info("  %s", line.strip())
-            code = child.wait()
+            code = process.wait()
             late = not timer.is_alive()
         finally:
             timer.cancel()
-            child.kill()
-            child.wait()
+            process.kill()
+            process.wait()
     if code != 0:
         tail = " | ".join(chatter.read_text(errors="replace").strip().splitlines()[-5:])
         reason = f"took longer than {seconds:.0f} s" if late else f"ended with code {code}"

@@ -9,13 +9,13 @@ from __future__ import annotations
 import logging
 import os
 import re
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from recon import scratch
 from recon.photo import Photo, UnreadablePhoto, read_photo
 from recon.photo_folder import choose
 from recon.scene import Frames, InputError
@@ -48,8 +48,7 @@ def run(input_dir: Path, workdir: Path, options: FramesOptions = FramesOptions()
     out = workdir / "frames"
     if out.resolve() in (input_dir.resolve(), *input_dir.resolve().parents):
         raise InputError(f"{input_dir} is inside the work folder's own {out}; move the photos elsewhere")
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
+    scratch.fresh(out)
     # The decoders release the interpreter lock, so threads help; a photo is written as soon as it is read, and only
     # its thumbnail is kept.
     with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:

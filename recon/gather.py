@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from recon import known_cameras, splat_views, video, zipped
 from recon.folders import digest_of, exists, is_file
 from recon.photo_folder import choose
 from recon.scene import InputError
-from recon.store import digest, folder_digest
+from recon.store import digest, file_digest, folder_digest
 
 FOLDER = "given"  # below the work folder: links to the photos of known cameras
 
@@ -72,9 +71,7 @@ def run(
     folder, warnings = source, ()  # type: tuple[Path, tuple[str, ...]]
     if video.is_video(source):
         folder = work / "video"
-        if force:
-            (folder / video.DONE).unlink(missing_ok=True)
-        warnings = video.extract(source, folder, options)
+        warnings = video.extract(source, folder, options, force)
     found = cameras
     if found is None and look_for_cameras:
         found = known_cameras.find(source)
@@ -84,6 +81,6 @@ def run(
 
 
 def _known(given: known_cameras.Given, warnings: tuple[str, ...] = ()) -> Photos:
-    files = [hashlib.sha256(f.read_bytes()).hexdigest() for f in known_cameras.camera_files(given.source)]
+    files = [file_digest(f) for f in known_cameras.camera_files(given.source)]
     key = digest(folder_digest(given.folder), folder_digest(given.masks), files)
     return Photos(given.folder, given, key, warnings)

@@ -174,7 +174,7 @@ def _seeded(options: ReconOptions) -> ReconOptions:
 
 
 class _Stages:
-    """Runs stages through the store; a stage's key covers its options and the keys of all stages before it."""
+    """Runs stages through the store; a stage's key covers its options, and the keys and results of all before it."""
 
     def __init__(self, work: Path, options: ReconOptions, inputs: list[str]) -> None:
         known = dataclasses_of(scene, hull, fit, refine, confidence, auto_class)
@@ -189,13 +189,14 @@ class _Stages:
         place = f"[{STAGES.index(name) + 1}/{len(STAGES)}] {name}"
         if (stored := self.store.load(name, self.chain)) is not None:
             log.info("%s: unchanged, skipped", place)
-            result, self.seconds[name] = stored
-            return result
+            self.seconds[name], self.chain = stored.seconds, digest(self.chain, stored.content)
+            return stored.result
         log.info("%s", place)
+        self.store.forget([name])  # whose files are about to be replaced
         started = time.monotonic()
         result = compute()
         self.seconds[name] = round(time.monotonic() - started, 2)
-        self.store.save(name, self.chain, result, self.seconds[name])
+        self.chain = digest(self.chain, self.store.save(name, self.chain, result, self.seconds[name]))
         return result
 
 

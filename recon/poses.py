@@ -2,14 +2,13 @@
 
 pycolmap runs in a child process, `python -m recon.poses REQUEST.json`: imported before cv2 or PIL it breaks their PNG
 writing (double free in zlib), and a crash of its native code must not take the command down. The child's answer is
-REQUEST.npz; its chatter goes to REQUEST.log.
+REQUEST.npz.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-import shutil
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from recon import pose_diagnosis
+from recon import pose_diagnosis, scratch
 from recon.attempts import LADDER, Attempt, climb
 from recon.intrinsics import held
 from recon.scene import Cameras, Frames, InputError, Lens, Poses, ReconstructionError
@@ -67,10 +66,9 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions(), s
     if (given := held(frames, options.intrinsics, options.focal_mm)) is not None:
         frames = replace(frames, focal_px=given[:, 0])
         searched = replace(searched, focal_px=given[:, 0]) if searched else None
-    folder = workdir / "poses"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    best, rung, tried, failures = climb(searched or frames, folder, options)
+    logs = scratch.fresh(workdir / "poses")
+    with scratch.folder(workdir) as folder:
+        best, rung, tried, failures = climb(searched or frames, folder, logs, options)
     if best is None:
         raise ReconstructionError("structure from motion stopped with an error: " + "; ".join(failures))
     diagnosis = pose_diagnosis.explain(frames, best.registered, best.keypoints, best.pairs, best.models)
@@ -95,8 +93,7 @@ def _needed(total: int, options: PosesOptions) -> int:
 
 def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...]) -> Poses:
     """Write undistorted photos of the same size and the same K, and put the stage's result together."""
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
+    scratch.fresh(out)
     paths, lenses = [], []
     for i, k, distortion in zip(found.view, found.K, found.distortion, strict=True):
         params = np.array([k[0, 0], k[0, 2], k[1, 2], distortion])

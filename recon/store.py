@@ -1,23 +1,32 @@
 """Stage results on disk, so that a finished stage is skipped and an interrupted run goes on.
 
 A result (frozen dataclasses of arrays, paths, numbers, text) becomes NAME.json and NAME.npz beside it; nothing is
-unpickled. NAME.json carries a key: a hash over the stage's options, the contents of its inputs and the keys of the
+unpickled. NAME.json carries a key: a hash over the stage's options, the contents of its inputs and the results of the
 stages before it. A result whose key differs is stale, whatever its date.
+
+The first line of NAME.json is the SHA-256 of all that follows it, and that holds the SHA-256 of NAME.npz and of every
+file that the result names. What does not match in every bit is not used.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import logging
+import os
 import types
-import zipfile
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from recon import scratch
+
+log = logging.getLogger("recon")
 
 
 def digest(*parts: Any) -> str:
@@ -31,7 +40,13 @@ def folder_digest(folder: Path | None) -> str:
     if folder is None:
         return "none"
     files = sorted(p for p in folder.iterdir() if p.is_file())
-    return digest([[p.name, hashlib.sha256(p.read_bytes()).hexdigest()] for p in files])
+    return digest([[p.name, file_digest(p)] for p in files])
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content, of which little is in memory at a time. Raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def code_version() -> str:
@@ -42,6 +57,19 @@ def code_version() -> str:
         return "uninstalled"
 
 
+class Damaged(Exception):
+    """A stored result that is not what was stored; the message says what is wrong with it."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A stage's result, the seconds that computing it took, and a digest of its content."""
+
+    result: Any
+    seconds: float
+    content: str
+
+
 class Store:
     """Results below one folder. `known` are the dataclasses that may be read back."""
 
@@ -49,51 +77,82 @@ class Store:
         self.folder = folder
         self.known = {t.__name__: t for t in known}
 
-    def load(self, name: str, key: str) -> tuple[Any, float] | None:
-        """The stored result and the seconds it took; None when absent, stale, damaged, or naming lost files."""
+    def load(self, name: str, key: str) -> Stored | None:
+        """The stored result; None when it is absent or stale, or (which is said) damaged."""
         try:
-            content = json.loads((self.folder / f"{name}.json").read_text())
-            if content["key"] != key:
-                return None
-            with np.load(self.folder / f"{name}.npz", allow_pickle=False) as arrays:
-                return self._decode(content["result"], dict(arrays)), float(content["seconds"])
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
-            # Whatever is wrong with a stored result, making it anew is right.
+            return self._load(name, key)
+        except (Damaged, OSError) as error:
+            log.warning("the stored result of %s is computed anew: %s", name, error)
             return None
 
-    def save(self, name: str, key: str, result: Any, seconds: float) -> None:
-        """Write a result and what it took; the JSON goes last, so that a kill leaves nothing that looks whole."""
+    def _load(self, name: str, key: str) -> Stored | None:
+        path, packed = self.folder / f"{name}.json", self.folder / f"{name}.npz"
+        if not path.exists():
+            return None
+        if not path.is_file():
+            raise Damaged(f"{path} is no file")
+        told, _, body = path.read_bytes().partition(b"\n")
+        if _sha256(body).encode() != told:
+            raise Damaged(f"{path} is damaged")
+        content = json.loads(body)
+        if content["key"] != key:
+            return None
+        _check(packed, content["npz"])
+        for file, expected in content["files"].items():
+            _check(self.folder / file, expected)
+        try:
+            with np.load(packed, allow_pickle=False) as arrays:
+                return Stored(self._decode(content["result"], dict(arrays)), content["seconds"], _digest_of(content))
+        except (KeyError, TypeError, ValueError) as error:  # whole, but its types are not (or no longer) these
+            raise Damaged(f"{path} was written by other code") from error
+
+    def save(self, name: str, key: str, result: Any, seconds: float) -> str:
+        """Write a result and what it took; returns the digest of its content.
+
+        The JSON goes last, so that a kill leaves nothing that looks whole. Raises OSError.
+        """
         arrays: dict[str, np.ndarray] = {}
-        tree = self._encode(result, arrays)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / f"{name}.json").unlink(missing_ok=True)
-        partial = self.folder / f"{name}.npz.partial"
-        with partial.open("wb") as file:
-            np.savez(file, **arrays)
-        partial.replace(self.folder / f"{name}.npz")
-        partial = self.folder / f"{name}.json.partial"
-        partial.write_text(json.dumps({"key": key, "seconds": seconds, "result": tree}))
-        partial.replace(self.folder / f"{name}.json")
+        files: dict[str, str] = {}
+        tree = self._encode(result, arrays, files)
+        packed = io.BytesIO()
+        np.savez(packed, **arrays)
+        npz = _sha256(packed.getvalue())
+        content = {"key": key, "seconds": seconds, "npz": npz, "files": files, "result": tree}
+        body = json.dumps(content).encode()
+        self.forget([name])
+        with scratch.folder(self.folder) as partial:
+            for ending, data in (("npz", packed.getvalue()), ("json", _sha256(body).encode() + b"\n" + body)):
+                (partial / name).write_bytes(data)
+                (partial / name).replace(self.folder / f"{name}.{ending}")
+        return _digest_of(content)
 
     def forget(self, names: Iterable[str]) -> None:
         """Remove stored results."""
         for name in names:
-            (self.folder / f"{name}.json").unlink(missing_ok=True)
+            for ending in ("json", "npz"):
+                scratch.remove(self.folder / f"{name}.{ending}")
 
-    def _encode(self, value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    def _encode(self, value: Any, arrays: dict[str, np.ndarray], files: dict[str, str]) -> Any:
+        """`value` as JSON; its arrays go to `arrays`, the digests of the files that it names to `files`."""
+
+        def encoded(inner: Any) -> Any:
+            return self._encode(inner, arrays, files)
+
         if is_dataclass(value) and not isinstance(value, type):
-            inner = {f.name: self._encode(getattr(value, f.name), arrays) for f in fields(value)}
+            inner = {f.name: encoded(getattr(value, f.name)) for f in fields(value)}
             return {"type": type(value).__name__, "fields": inner}
         if isinstance(value, np.ndarray):
             name = f"a{len(arrays)}"
             arrays[name] = value
             return {"array": name}
         if isinstance(value, Path):
-            return {"path": str(value.resolve())}
+            place = os.path.relpath(value.resolve(), self.folder.resolve())  # a results folder may be moved
+            files[place] = file_digest(value)
+            return {"path": place}
         if isinstance(value, dict):
-            return {"dict": {k: self._encode(v, arrays) for k, v in value.items()}}
+            return {"dict": {k: encoded(v) for k, v in value.items()}}
         if isinstance(value, tuple | list):
-            return [self._encode(v, arrays) for v in value]
+            return [encoded(v) for v in value]
         return value.item() if isinstance(value, np.generic) else value
 
     def _decode(self, tree: Any, arrays: dict[str, np.ndarray]) -> Any:
@@ -104,14 +163,28 @@ class Store:
         if "array" in tree:
             return arrays[tree["array"]]
         if "path" in tree:
-            path = Path(tree["path"])
-            if not path.exists():
-                raise ValueError(f"{path} is gone")
-            return path
+            return (self.folder / tree["path"]).resolve()
         if "dict" in tree:
             return {k: self._decode(v, arrays) for k, v in tree["dict"].items()}
         cls = self.known[tree["type"]]
         return cls(**{k: self._decode(v, arrays) for k, v in tree["fields"].items()})
+
+
+def _check(path: Path, expected: str) -> None:
+    """Raise Damaged when a file is not the one of this SHA-256, OSError when it cannot be read."""
+    if not path.is_file():
+        raise Damaged(f"{path} is gone")
+    if file_digest(path) != expected:
+        raise Damaged(f"{path} is damaged")
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _digest_of(content: dict[str, Any]) -> str:
+    """What the stages after this one depend on: not when or how fast it was computed."""
+    return digest(content["npz"], content["files"], content["result"])
 
 
 def dataclasses_of(*modules: types.ModuleType) -> Iterator[type]:

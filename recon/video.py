@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import logging
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,9 +13,10 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from recon import scratch
 from recon.av_capture import AvCapture
 from recon.scene import InputError
-from recon.store import digest
+from recon.store import Store, digest, file_digest
 from recon.whole_files import write_picture
 
 log = logging.getLogger("recon.video")
@@ -26,7 +24,6 @@ log = logging.getLogger("recon.video")
 ENDINGS = {".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mts", ".m2ts", ".ts", ".3gp", ".ogv", ".mpg", ".wmv"}
 LOOK_SIDE = 480  # px, longest side at which sharpness is measured: sensor noise is gone, motion blur is not
 THUMB = 24  # px, side of the square thumbnails that frames are compared by
-DONE = "frames.json"
 
 
 @dataclass(frozen=True)
@@ -51,6 +48,14 @@ class Look:
     thumbs: np.ndarray
     decoded: int  # frames that could be decoded
     promised: int  # frames that the file says it has; 0 when it does not
+
+
+@dataclass(frozen=True)
+class Extracted:
+    """The chosen frames in the video's order, and warnings."""
+
+    paths: tuple[Path, ...]
+    warnings: tuple[str, ...]
 
 
 def is_video(path: Path) -> bool:
@@ -78,41 +83,36 @@ def check(path: Path) -> None:
         raise InputError(f"{path} is no video that can be read (MP4, MOV, AVI, MKV, WEBM and MTS are)")
 
 
-def extract(path: Path, folder: Path, options: VideoOptions = VideoOptions()) -> tuple[str, ...]:
+def extract(path: Path, folder: Path, options: VideoOptions = VideoOptions(), force: bool = False) -> tuple[str, ...]:
     """Write the chosen frames of a video as JPEG into `folder` (made anew) and return warnings.
 
-    A folder that holds this video's frames already, chosen with the same options, is left as it is.
+    A folder that holds this video's frames already, chosen with the same options, is left as it is unless `force`.
     Raises InputError when the video cannot be decoded, or gives too few frames.
     """
     if not 3 <= options.count <= 1000:
         raise InputError(f"--frames must be 3 to 1000, got {options.count}")
-    key = file_digest(path, options)
-    try:
-        done = json.loads((folder / DONE).read_text())
-        if done["key"] == key and all((folder / name).is_file() for name in done["names"]):
-            log.info("frames of %s: unchanged, skipped", path.name)
-            return tuple(done["warnings"])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass  # whatever is wrong with them, making them anew is right
+    store, key = Store(folder.parent, [Extracted]), _key(path, options)
+    stored = None if force else store.load(folder.name, key)
+    if stored is not None and {p.name for p in folder.iterdir()} == {p.name for p in stored.result.paths}:
+        log.info("frames of %s: unchanged, skipped", path.name)
+        return stored.result.warnings
     check(path)
     look = _look(path, options)
     chosen = choose(look, options)
     warnings = _judged(path, look, chosen, options)
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    names = _write(path, chosen, folder, options)
-    if len(names) < len(chosen):
+    store.forget([folder.name])
+    written = _write(path, chosen, scratch.fresh(folder), options)
+    if len(written) < len(chosen):
         raise InputError(f"{path} changed while it was read; run again")
-    (folder / DONE).write_text(json.dumps({"key": key, "names": names, "warnings": warnings}))
-    log.info("%d of %d frames of %s are used", len(names), look.decoded, path.name)
+    store.save(folder.name, key, Extracted(tuple(written), tuple(warnings)), 0.0)
+    log.info("%d of %d frames of %s are used", len(written), look.decoded, path.name)
     return tuple(warnings)
 
 
-def file_digest(path: Path, options: VideoOptions) -> str:
+def _key(path: Path, options: VideoOptions) -> str:
     """A digest of the video's content and the options."""
     try:
-        with path.open("rb") as file:
-            return digest(hashlib.file_digest(file, "sha256").hexdigest(), options)
+        return digest(file_digest(path), options)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
 
@@ -216,18 +216,18 @@ def _judged(path: Path, look: Look, chosen: np.ndarray, options: VideoOptions) -
     return [short] if cut else []
 
 
-def _write(path: Path, chosen: np.ndarray, folder: Path, options: VideoOptions) -> list[str]:
+def _write(path: Path, chosen: np.ndarray, folder: Path, options: VideoOptions) -> list[Path]:
     """Decode again and write the chosen frames; names sort in the video's order."""
     wanted, at = set(chosen.tolist()), 0
-    names: list[str] = []
+    written: list[Path] = []
     with _opened(path) as capture, tqdm(total=len(wanted), desc="writing frames", disable=None) as bar:
-        while len(names) < len(wanted) and capture.grab():
+        while len(written) < len(wanted) and capture.grab():
             if at in wanted:
                 ok, image = capture.retrieve()
                 if not ok:
                     break
-                names.append(f"frame_{at:06d}.jpg")
-                write_picture(folder / names[-1], image, cv2.IMWRITE_JPEG_QUALITY, options.quality)
+                written.append(folder / f"frame_{at:06d}.jpg")
+                write_picture(written[-1], image, cv2.IMWRITE_JPEG_QUALITY, options.quality)
                 bar.update()
             at += 1
-    return names
+    return written

@@ -26,7 +26,8 @@ def _thing(tmp_path):
 def test_results_round_trip(tmp_path):
     store, thing = Store(tmp_path / "s", [Thing]), _thing(tmp_path)
     store.save("thing", "k", thing, 1.5)
-    back, seconds = store.load("thing", "k")
+    stored = store.load("thing", "k")
+    back, seconds = stored.result, stored.seconds
     assert (back.numbers == thing.numbers).all()
     assert (back.files, back.inner, back.nothing, seconds) == (thing.files, thing.inner, None, 1.5)
 
@@ -35,7 +36,7 @@ def test_nested_results_round_trip(tmp_path):
     store = Store(tmp_path, [Refined, Canonical])
     refined = Refined({"width": 0.5, "legs": "round"}, Canonical(np.eye(4)), 0.9, 0.8, (("front", 0.7),))
     store.save("refine", "k", refined, 0.0)
-    back, _ = store.load("refine", "k")
+    back = store.load("refine", "k").result
     assert back.params == refined.params
     assert (back.canonical.world_from_canonical == np.eye(4)).all()
 

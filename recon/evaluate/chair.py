@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import resource
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from tqdm import tqdm
 from datasets.photosets import Photoset, PhotosetOptions, read_photoset, render_photoset
 from datasets.synthetic import SyntheticOptions, shape_params
 from datasets.voxels import surface_grid
+from nnproc import child
 from nnproc.infer import WEIGHTS, grids_from_params, load_network, values_from_grids
 from procmodels import Model, load
 from procmodels.space import Params
@@ -48,19 +48,11 @@ def run(work: Path, quick: bool) -> list[Row]:
 
 def reconstruct(photos: Path, out: Path) -> dict[str, Any]:
     """Run the command itself in a process of its own, from nothing; its report, with `peak_gb` added."""
-    command = [
-        sys.executable,
-        str(ROOT / "run_recon.py"),
-        str(photos),
-        "--class",
-        "chair",
-        "--out",
-        str(out),
-        "--force",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise ReconstructionError(f"{photos}: the command ended with {done.returncode}: {done.stderr[-2000:]}")
+    asked = [str(photos.resolve()), "--class", "chair", "--out", str(out.resolve()), "--force"]
+    process = child.start("run_recon", *asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    said = process.communicate()[1]
+    if process.returncode:
+        raise ReconstructionError(f"{photos}: the command ended with {process.returncode}: {said[-2000:]}")
     report = json.loads((out / "report.json").read_text())
     report["peak_gb"] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
     return report
