@@ -2,19 +2,22 @@
 
     python run_recon.py photos/ --class chair
 
-Exit codes: 0 done, 2 your input or options, 3 no reconstruction could be made, 130 interrupted (run again to go on).
+Exit codes: 0 done, 2 your input or options, 3 no reconstruction could be made, 130 interrupted and 143 terminated (run
+again to go on).
 """
 
 from __future__ import annotations
 
 import argparse
-import io
+import contextlib
 import json
 import logging
 import os
 import sys
 from pathlib import Path
 from typing import Any
+
+from recon import process
 
 
 def parser() -> argparse.ArgumentParser:
@@ -29,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--up", default="auto", help="axis of a shape's file that points up: x, y, z, -x, -y, -z (auto)")
     p.add_argument("--front", default="auto", help="axis of a shape's file that the object faces (auto)")
-    classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file (default chair)"
+    classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file, code that is run (default chair)"
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
     p.add_argument("--masks", type=Path, help="folder of your own masks: same names as the photos, white = object")
@@ -70,20 +73,20 @@ def main(argv: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
     for noisy in ("PIL", "trimesh", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
+    from procmodels import ModelError
     from recon.names import shown
     from recon.scene import ReconError
 
     out = args.out or Path("out") / (args.photos.stem if args.photos.is_file() else args.photos.resolve().name)
     try:
-        report = _reconstructed(args, out)
+        with contextlib.redirect_stdout(sys.stderr):  # model files and libraries may print; the summary stands alone
+            report = _reconstructed(args, out)
     except ReconError as error:
         sys.stderr.write(f"error: {shown(str(error))}\n")
         return error.exit_code
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted; run the same command again to go on from the last finished stage\n")
-        return 130
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may not know all letters of a file's name
+    except ModelError as error:  # a user's model that fails on some shapes only
+        sys.stderr.write(f"error: {shown(str(error))}\n")
+        return 2
     sys.stdout.write(summary(report))
     return 0
 
@@ -177,4 +180,4 @@ def _agreement(r: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(process.run(main))

@@ -6,7 +6,6 @@ full fit and the full refinement. The class whose outlines agree best with the m
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from recon.hull import Hull
 from recon.refine import Refined
 from recon.scene import Canonical, InputError, Poses, Silhouettes
 from recon.silhouette_search import RefineOptions
+from recon.store import file_digest
 
 log = logging.getLogger("recon")
 
@@ -83,9 +83,9 @@ def known_models() -> list[Model]:
 
 
 def key(model: Model) -> list[str]:
-    """What a fit of this class depends on beside photos and options: the space and the weights."""
-    path = infer.WEIGHTS / f"{model.name}.safetensors"
-    return [model.name, model.space.hash, hashlib.sha256(path.read_bytes()).hexdigest()[:16]]
+    """What a fit of this class depends on beside photos and options: the space, the source of `build`, the weights."""
+    weights = file_digest(infer.WEIGHTS / f"{model.name}.safetensors")
+    return [model.name, model.space.hash, model.code, weights]
 
 
 def run(

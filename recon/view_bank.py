@@ -8,9 +8,7 @@ direction it looks from and the distance in object sizes, which sets the perspec
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from procmodels.shape import Shape
 from procmodels.space import Params
 from recon.mask_windows import Box, cut_to, mask_box, rolled, touching
 from recon.raster import silhouettes
-from recon.store import code_version, digest
+from recon.store import Store, code_version, digest
 
 _BITS = np.array([bin(i).count("1") for i in range(1 << 16)], np.uint8)
 
@@ -77,28 +75,14 @@ class Hit:
 def load_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0, cache: Path | None = None) -> Bank:
     """The class's bank, from the cache (default: nnproc-recon in the user's cache folder) or made now, in seconds."""
     folder = cache or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "nnproc-recon"
-    key = digest(model.space.hash, options, seed, code_version(), 1)
-    path = folder / f"views-{Path(model.name).name}-{key}.npz"
-    try:
-        with np.load(path, allow_pickle=False) as z:
-            params = tuple(model.space.validate(p) for p in json.loads(str(z["params"])))
-            return Bank(params, *(z[n] for n in ("bits", "box", "shape", "azimuth", "elevation", "distance")))
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-        pass  # absent or damaged: making it anew is right
+    key = digest(model.space.hash, model.code, options, seed, code_version())
+    store, name = Store(folder, [Bank]), f"views-{Path(model.name).name}-{key}"
+    if (stored := store.load(name, key)) is not None:
+        return stored.result
     bank = make_bank(model, options, seed)
     with contextlib.suppress(OSError):  # a cache that cannot be written costs time, not the result
-        _save(bank, path)
+        store.save(name, key, bank, 0.0)
     return bank
-
-
-def _save(bank: Bank, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    names = ("bits", "box", "shape", "azimuth", "elevation", "distance")
-    arrays = {"params": np.array(json.dumps(bank.params)), **{n: getattr(bank, n) for n in names}}
-    with partial.open("wb") as file:
-        np.savez(file, **arrays)
-    partial.replace(path)
 
 
 def make_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0) -> Bank:
