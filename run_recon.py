@@ -81,12 +81,9 @@ def main(argv: list[str] | None = None) -> int:
     try:
         with contextlib.redirect_stdout(sys.stderr):  # model files and libraries may print; the summary stands alone
             report = _reconstructed(args, out)
-    except ReconError as error:
+    except (ReconError, ModelError) as error:  # a user's model may fail on some shapes only
         sys.stderr.write(f"error: {shown(str(error))}\n")
         return error.exit_code
-    except ModelError as error:  # a user's model that fails on some shapes only
-        sys.stderr.write(f"error: {shown(str(error))}\n")
-        return 2
     sys.stdout.write(summary(report))
     return 0
 

@@ -24,7 +24,9 @@ SECONDS = 60.0  # a file that takes longer to load, or to build a few shapes, is
 
 
 class ModelError(ValueError):
-    """An unknown or unusable procedural model."""
+    """An unknown or unusable procedural model: the user's input, by the command's exit codes."""
+
+    exit_code = 2
 
 
 class _TooLong(BaseException):

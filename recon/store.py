@@ -95,6 +95,8 @@ class Store:
         if _sha256(body).encode() != told:
             raise Damaged(f"{path} is damaged")
         content = json.loads(body)
+        if content["stage"] != name:
+            raise Damaged(f"{path} is that of {content['stage']}")
         if content["key"] != key:
             return None
         _check(packed, content["npz"])
@@ -117,7 +119,7 @@ class Store:
         packed = io.BytesIO()
         np.savez(packed, **arrays)
         npz = _sha256(packed.getvalue())
-        content = {"key": key, "seconds": seconds, "npz": npz, "files": files, "result": tree}
+        content = {"stage": name, "key": key, "seconds": seconds, "npz": npz, "files": files, "result": tree}
         body = json.dumps(content).encode()
         self.forget([name])
         with scratch.folder(self.folder) as partial:

@@ -1,0 +1,32 @@
+"""The command's pipeline on a few small photos with little effort, as a process of its own: python small_run.py OUT ...
+
+PHOTOS OUT MASKS [--force]. Made for tests that end it in all ways (tests/test_kills.py).
+"""
+
+import logging
+import sys
+from pathlib import Path
+
+from recon import process
+
+
+def main() -> int:
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    from nnproc.fitting import FitOptions as LatentOptions
+    from recon import fit, outputs, pipeline, poses, silhouette_search
+
+    photos, out, masks = map(Path, sys.argv[1:4])
+    options = pipeline.ReconOptions(
+        masks=masks,
+        force="--force" in sys.argv,
+        poses=poses.PosesOptions(attempts=1),
+        fit=fit.FitOptions(size=32, max_views=4, latent=LatentOptions(bank=16, starts=2, keep=1, steps=3)),
+        refine=silhouette_search.RefineOptions(size=48, max_views=4, candidates=1),
+        outputs=outputs.OutputsOptions(renders=1, render_size=64),
+    )
+    pipeline.run(photos, out, options)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(process.run(main))
