@@ -82,8 +82,11 @@ class Store:
         try:
             return self._load(name, key)
         except (Damaged, OSError) as error:
-            log.warning("the stored result of %s is computed anew: %s", name, error)
-            return None
+            why = str(error)
+        except (KeyError, TypeError, ValueError):  # it is whole, but its fields and types are not (or no longer) these
+            why = f"{self.folder / name}.json was written by other code"
+        log.warning("the stored result of %s is computed anew: %s", name, why)
+        return None
 
     def _load(self, name: str, key: str) -> Stored | None:
         path, packed = self.folder / f"{name}.json", self.folder / f"{name}.npz"
@@ -102,11 +105,8 @@ class Store:
         _check(packed, content["npz"])
         for file, expected in content["files"].items():
             _check(self.folder / file, expected)
-        try:
-            with np.load(packed, allow_pickle=False) as arrays:
-                return Stored(self._decode(content["result"], dict(arrays)), content["seconds"], _digest_of(content))
-        except (KeyError, TypeError, ValueError) as error:  # whole, but its types are not (or no longer) these
-            raise Damaged(f"{path} was written by other code") from error
+        with np.load(packed, allow_pickle=False) as arrays:
+            return Stored(self._decode(content["result"], dict(arrays)), content["seconds"], _digest_of(content))
 
     def save(self, name: str, key: str, result: Any, seconds: float) -> str:
         """Write a result and what it took; returns the digest of its content.
