@@ -6,11 +6,13 @@ Nothing here is about reconstruction, and nothing heavy is imported: it holds fr
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import IO, Any
@@ -18,42 +20,90 @@ from typing import IO, Any
 from recon import scratch
 
 PREFIX = "nnproc-recon-"  # of a process's folder for temporary files
+PATIENCE = 5.0  # seconds for tidying up after a signal
+_SIGNALS = {  # that end the process, and what they do to begin with
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
 
 
-class Terminated(KeyboardInterrupt):
-    """What an interrupt does, asked for by a signal of another program or the end of the terminal."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
+class Stopped(KeyboardInterrupt):
+    """A signal asked this process to end: Ctrl-C, another program, or the terminal that was closed."""
 
 
 def run(main: Callable[[], int]) -> int:
     """`main` in this process, with all of the above; the exit code."""
     _open_standard_streams()
     sys.stdout, sys.stderr = _Patient(sys.stdout, 1), _Patient(sys.stderr, 2)
-    for one in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(one) == signal.SIG_DFL:  # nohup has SIGHUP ignored
-            signal.signal(one, _stop)
-    try:
-        with _temporary_files():
+    with _temporary_files() as folder:
+        stop = _Stop(folder)
+        try:
             return main()
-    except KeyboardInterrupt as error:
-        number = error.number if isinstance(error, Terminated) else signal.SIGINT
-        what = "interrupted" if number == signal.SIGINT else "terminated"
-        sys.stderr.write(f"{what}; run the same command again to go on from the last finished stage\n")
-        return 128 + number  # as shells say it
-    finally:
-        for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # only Python's own tidying up is left
-            signal.signal(one, signal.SIG_DFL)
+        except BaseException:
+            if not stop.number:
+                raise
+            sys.stderr.write(stop.words())
+            return 128 + stop.number  # as shells say it
+        finally:
+            stop.over()
 
 
-def _stop(number: int, frame: FrameType | None) -> None:
-    raise Terminated(number)
+class _Stop:
+    """Ends the process on a signal: by an exception, so that everything is tidied up; by force when that was swallowed
+    or takes long, or when the signal comes again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.number, self._folder = 0, folder
+        self._asked, self._over = threading.Event(), threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+        for number, usual in _SIGNALS.items():
+            if signal.getsignal(number) == usual:  # nohup, for one, has SIGHUP ignored
+                signal.signal(number, self._signalled)
+        sys.excepthook = self._quietly(sys.excepthook)
+        sys.unraisablehook = self._quietly(sys.unraisablehook)
+
+    def words(self) -> str:
+        what = "interrupted" if self.number == signal.SIGINT else "terminated"
+        return f"{what}; run the same command again to go on from the last finished stage\n"
+
+    def over(self) -> None:
+        """From now on only Python's own tidying up is left."""
+        self._over.set()
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+
+    def _signalled(self, number: int, frame: FrameType | None) -> None:
+        if self.number:
+            self._end()
+        self.number = number
+        self._asked.set()
+        raise Stopped
+
+    def _watch(self) -> None:
+        self._asked.wait()
+        if not self._over.wait(PATIENCE):
+            self._end()
+
+    def _end(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+        with suppress(OSError):
+            os.write(2, self.words().encode())
+        os._exit(128 + self.number)  # children go with this process
+
+    def _quietly(self, hook: Callable[..., Any]) -> Callable[..., Any]:
+        """Says nothing of interrupts, which foreign code may catch in callbacks of its own."""
+
+        def said(*about: Any) -> None:
+            kind = about[0] if isinstance(about[0], type) else about[0].exc_type
+            if not issubclass(kind, KeyboardInterrupt):
+                hook(*about)
+
+        return said
 
 
 @contextmanager
-def _temporary_files() -> Iterator[None]:
+def _temporary_files() -> Iterator[Path]:
     """All temporary files, of libraries and children too, in one folder that goes with this process.
 
     A killed process cannot remove its own; the next one does.
@@ -65,7 +115,7 @@ def _temporary_files() -> Iterator[None]:
             sys.stderr.write(f"error: there is no place for temporary files ({error}); make room, or set TMPDIR\n")
             raise SystemExit(2) from error
         os.environ["TMPDIR"] = tempfile.tempdir = str(own)
-        yield
+        yield own
 
 
 def _open_standard_streams() -> None:

@@ -24,7 +24,7 @@ SCENE = (None, None, None)
 
 
 def _models(*names):
-    return [SimpleNamespace(name=n, space=SimpleNamespace(hash=n)) for n in names]
+    return [SimpleNamespace(name=n, space=SimpleNamespace(hash=n), code=n) for n in names]
 
 
 def _refined(iou):

@@ -140,6 +140,35 @@ def test_signals_end_it_with_one_line_and_nothing_is_left(tmp_path, number, code
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("again", [False, True])
+def test_a_signal_that_foreign_code_swallows_ends_it_all_the_same(tmp_path, again):
+    swallow = "import time, tempfile\ntempfile.mkdtemp()\nprint('begun', flush=True)\nwhile True:\n"
+    swallow += "    try:\n        time.sleep(60)\n    except BaseException:\n        print('swallowed', flush=True)\n"
+    code = "def main():\n" + "".join(f"    {line}\n" for line in swallow.splitlines()) + COMMAND
+    process = python(code, tmp_path)
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(0.5)
+    process.terminate()
+    assert process.stdout.readline() == "swallowed\n"
+    if again:
+        process.terminate()
+    message = process.communicate()[1]
+    assert process.returncode == 143
+    assert message == "terminated; run the same command again to go on from the last finished stage\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_interrupts_in_callbacks_are_not_shown(tmp_path):
+    """As in Blender's handlers: the error is printed where it arose, and all goes on."""
+    callback = "class C:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM)\n        time.sleep(9)\n"
+    code = f"import os, signal, time\n{callback}def main():\n    C()\n    time.sleep(60)\n{COMMAND}"
+    process = python(code, tmp_path)
+    assert process.communicate()[1].splitlines() == [
+        "terminated; run the same command again to go on from the last finished stage"
+    ]
+    assert process.returncode == 143
+
+
 def test_temporary_files_of_a_killed_one_go_with_the_next(tmp_path):
     process = python(
         f"def main():\n    import tempfile; print(tempfile.mkdtemp(), flush=True); {SLEEP}\n{COMMAND}", tmp_path
