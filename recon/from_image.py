@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import tempfile
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from procmodels import Model
-from recon import intrinsics, judge, one_mask, out_folder, outputs, wanted
+from recon import intrinsics, judge, one_mask, out_folder, outputs, scratch, wanted
 from recon.camera_search import FoundView, find, first_look
 from recon.inputs import Kind
 from recon.judge import Verdict
@@ -68,19 +67,16 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
     wanted.check(options.height, out)
     models = wanted.models(options.class_name)
     reads = {"INPUT": path, "--mask": options.mask, "--pix3d": options.pix3d}
-    with (
-        out_folder.claimed(out, reads) as work,
-        tempfile.TemporaryDirectory(prefix=out_folder.SCRATCH, dir=work) as folder,
-    ):
-        return _run(path, out, Path(folder), models, options)
+    with out_folder.claimed(out, reads) as work, scratch.folder(work) as own:
+        return _run(path, out, own, models, options)
 
 
-def _run(path: Path, out: Path, scratch: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
+def _run(path: Path, out: Path, work: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
     """The stages, one after the other."""
     seconds = {}
     started = time.monotonic()
     log.info("[1/3] mask")
-    masked = one_mask.run(path, scratch, options.mask, options.box, options.seed)
+    masked = one_mask.run(path, work, options.mask, options.box, options.seed)
     view = _view(path, masked, options)
     seconds["mask"] = round(time.monotonic() - started, 2)
     started = time.monotonic()

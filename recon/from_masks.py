@@ -7,7 +7,6 @@ and cameras take turns until the outlines of all views agree. World frame: the c
 from __future__ import annotations
 
 import logging
-import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from scipy.optimize import minimize
 
 from procmodels import Model
 from procmodels.space import Params
-from recon import frames, from_image, intrinsics, judge, one_mask, out_folder, outputs, wanted
+from recon import frames, from_image, intrinsics, judge, one_mask, out_folder, outputs, scratch, wanted
 from recon.frames import FramesOptions
 from recon.from_image import ImageOptions
 from recon.mask_windows import guessed_K
@@ -40,17 +39,14 @@ def run(folder: Path, out: Path, options: ImageOptions = ImageOptions()) -> Outp
     """Reconstruct the object in a folder of 2 to 8 masks (white = object) into the folder `out`. Raises InputError."""
     wanted.check(options.height, out)
     models = wanted.models(options.class_name)
-    with (
-        out_folder.claimed(out, {"INPUT": folder}) as work,
-        tempfile.TemporaryDirectory(prefix=out_folder.SCRATCH, dir=work) as scratch,
-    ):
-        return _run(folder, out, Path(scratch), models, options)
+    with out_folder.claimed(out, {"INPUT": folder}) as work, scratch.folder(work) as own:
+        return _run(folder, out, own, models, options)
 
 
-def _run(folder: Path, out: Path, scratch: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
+def _run(folder: Path, out: Path, work: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
     """The stages, one after the other."""
     started = time.monotonic()
-    shot = frames.run(folder, scratch, FramesOptions(allow_single=True))
+    shot = frames.run(folder, work, FramesOptions(allow_single=True))
     if not FEWEST <= len(shot.names) <= MOST:
         raise InputError(
             f"{folder} holds {len(shot.names)} masks; {FEWEST} to {MOST} are taken without photos or cameras "

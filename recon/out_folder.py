@@ -10,13 +10,12 @@ import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from recon import manifest, publish, run_lock
+from recon import manifest, publish, run_lock, scratch
 from recon.manifest import FILES, FOLDERS, WORK
 from recon.photo import ENDINGS
 from recon.scene import InputError, ReconError
 from recon.whole_files import disk_is_full
 
-SCRATCH = "scratch-"  # folders in WORK that live as long as a run
 _OWN_WORK = (manifest.NAME, run_lock.NAME, publish.STAGING, "frames", "given", "video")  # one of them marks our WORK
 _NOBODYS = {"thumbs.db", "desktop.ini"}  # file browsers leave them everywhere, besides hidden files
 _ELSEWHERE = "choose another folder with --out"
@@ -139,7 +138,7 @@ def _in_the_way(out: Path) -> Iterator[Path]:
 def _sweep(out: Path) -> None:
     """Complete or remove what runs that were killed left behind."""
     publish.complete(out)
-    for folder in (out / WORK).glob(f"{SCRATCH}*"):
+    for folder in (out / WORK).glob(f"{scratch.PREFIX}*"):
         shutil.rmtree(folder, ignore_errors=True)
     for folder in out.glob(".writing-????????"):  # of version 0.2.0, unless it holds what that was just replacing
         if manifest.is_folder(folder) and all(p.name in (*FILES, *FOLDERS) for p in folder.iterdir()):

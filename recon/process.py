@@ -5,6 +5,7 @@ Nothing here is about reconstruction, and nothing heavy is imported: it holds fr
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import signal
@@ -133,6 +134,8 @@ class _Patient:
     def __init__(self, stream: IO[str] | None, descriptor: int) -> None:
         self._stream = open(os.devnull, "w") if stream is None else stream  # noqa: SIM115 (as long as the process)
         self._descriptor = descriptor
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal may not know all letters of a file's name
 
     def write(self, text: str) -> int:
         self._trying(lambda: self._stream.write(text))

@@ -14,6 +14,7 @@ import platform
 from collections.abc import Iterator
 from pathlib import Path
 
+from recon import scratch
 from recon.scene import InputError
 
 NAME = "lock"
@@ -73,7 +74,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
 
 
 def _self() -> dict[str, str | int]:
-    return {"pid": os.getpid(), "started": _started(os.getpid()), "host": platform.node()}
+    return {"pid": os.getpid(), "started": scratch.started(os.getpid()), "host": platform.node()}
 
 
 def _holder(descriptor: int) -> dict[str, str | int]:
@@ -89,18 +90,8 @@ def _runs(holder: dict[str, str | int]) -> bool:
     """Whether the process still runs on this machine; its number alone may have gone to another one since."""
     if holder.get("host") != platform.node():
         return False
-    started = _started(int(holder["pid"]))
+    started = scratch.started(int(holder["pid"]))
     return started != "" and started == holder["started"]
-
-
-def _started(pid: int) -> str:
-    """When a process started, unlike that of any other with its number; empty when there is none (or no /proc)."""
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        after_name = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return "" if after_name[0] in "ZX" else f"{boot} {after_name[19]}"
-    except OSError:
-        return ""
 
 
 def _refusal(holder: dict[str, str | int], shown_as: Path) -> str:

@@ -18,7 +18,7 @@ from made_up import made_up
 from test_users_files import content, error_of, laid_out, mask, mesh, photo, quick, run, several, text
 
 import procmodels
-from recon import camera_photos, manifest, names, out_folder, outputs, publish, run_lock, whole_files
+from recon import camera_photos, manifest, names, out_folder, outputs, publish, run_lock, scratch, whole_files
 from recon.outputs import OutputsOptions
 from recon.scene import InputError, ReconstructionError
 
@@ -302,7 +302,7 @@ def test_a_lock_counts_by_its_process_where_files_cannot_be_locked(tmp_path, oth
     lock.write_text(json.dumps({**words, "pid": os.getpid()}))
     with out_folder.claimed(tmp_path, {}):
         pass
-    lock.write_text(json.dumps({**words, "pid": os.getpid(), "started": run_lock._started(os.getpid())}))
+    lock.write_text(json.dumps({**words, "pid": os.getpid(), "started": scratch.started(os.getpid())}))
     with pytest.raises(InputError, match="in use"), out_folder.claimed(tmp_path, {}):
         pass
 
