@@ -1,12 +1,13 @@
 """Runs that are killed at any moment and started again at once: the same result, no orphan, nothing left behind.
 
-60 kills take about 10 minutes on two idle cores, six about two. A run here is the whole pipeline on ten small photos
+60 kills take about 15 minutes on two idle cores, six about two. A run here is the whole pipeline on ten small photos
 (tests/small_run.py), so that it takes seconds.
 """
 
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -113,23 +114,44 @@ def campaign(runs, out, kills, rng):
     return done
 
 
-def survive(tmp_path, kills, each):
-    runs = Runs(tmp_path)
-    truth = runs.finished(tmp_path / "undisturbed")
-    rng, done, round_ = random.Random(10), 0, 0
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The runs, and what one finds that nobody disturbs."""
+    runs = Runs(tmp_path_factory.mktemp("kills"))
+    return runs, runs.finished(runs.folder / "undisturbed")
+
+
+def survive(undisturbed, out, kills, each):
+    (runs, truth), rng, done, campaigns = undisturbed, random.Random(10), 0, 0
     while done < kills:
-        out = tmp_path / f"out{round_}"
-        done += campaign(runs, out, min(each, kills - done), rng)
-        assert runs.finished(out) == truth
-        round_ += 1
-        sys.stderr.write(f"{done} kills in {round_} folders\n")
+        done += campaign(runs, out / str(campaigns), min(each, kills - done), rng)
+        assert runs.finished(out / str(campaigns)) == truth
+        campaigns += 1
+        sys.stderr.write(f"{done} kills in {campaigns} folders\n")
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_sixty_kills(tmp_path):
-    survive(tmp_path, 60, 4)
+def test_sixty_kills(undisturbed, tmp_path):
+    survive(undisturbed, tmp_path, 60, 4)
 
 
-def test_six_kills(tmp_path):
-    survive(tmp_path, 6, 6)
+def test_six_kills(undisturbed, tmp_path):
+    survive(undisturbed, tmp_path, 6, 6)
+
+
+@pytest.mark.slow
+def test_a_store_that_is_damaged_everywhere(undisturbed, tmp_path):
+    """A bit, a working copy, an undistorted photo, and a file that was emptied: the same result, and all said."""
+    runs, truth = undisturbed
+    work = shutil.copytree(runs.folder / "undisturbed", tmp_path / "out") / ".recon"
+    for path in (work / "align.json", next((work / "frames").iterdir()), next((work / "undistorted").iterdir())):
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 4
+        path.write_bytes(data)
+    (work / "refine.npz").write_bytes(b"")
+    process, _ = runs.start(tmp_path / "out")
+    said = process.communicate()[1]
+    anew = [line.split()[4] for line in said.splitlines() if line.startswith("the stored result of ")]
+    assert anew == ["frames", "poses", "align", "refine"], said
+    assert runs.finished(tmp_path / "out") == truth
