@@ -26,7 +26,7 @@ _LOOK = 0.5  # seconds between looks at the parent
 def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
     """Run a module of this project as a child; `options` are subprocess.Popen's."""
     command = [sys.executable, "-m", "nnproc.child", str(os.getpid()), module, *arguments]
-    return subprocess.Popen(command, text=True, cwd=_ROOT, **options)
+    return subprocess.Popen(command, text=True, errors="replace", cwd=_ROOT, **options)
 
 
 def tie_to(parent: int) -> None:
