@@ -13,6 +13,7 @@ import cv2  # noqa: F401
 import numpy as np
 from PIL import Image  # noqa: F401
 
+from recon import process
 from recon.scene import InputError, Lens
 
 SHORTEST, LONGEST = 0.05, 100.0  # of the picture's diagonal: no lens has a focal length outside
@@ -22,7 +23,8 @@ FARTHEST = 3.0  # of the picture's sides, from its middle: crops have principal 
 
 @cache
 def _pycolmap() -> Any:
-    import pycolmap
+    with process.signals_kept():  # pycolmap's own handler would end a run with a stack trace
+        import pycolmap
 
     pycolmap.logging.minloglevel = 3  # it would print what it raises
     return pycolmap

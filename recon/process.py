@@ -5,6 +5,7 @@ Nothing here is about reconstruction, and nothing heavy is imported: it holds fr
 
 from __future__ import annotations
 
+import ctypes
 import io
 import os
 import shutil
@@ -37,25 +38,26 @@ def run(main: Callable[[], int]) -> int:
     """`main` in this process, with all of the above; the exit code."""
     _open_standard_streams()
     sys.stdout, sys.stderr = _Patient(sys.stdout, 1), _Patient(sys.stderr, 2)
-    with _temporary_files() as folder:
-        stop = _Stop(folder)
-        try:
+    stop = _Stop()
+    try:
+        with _temporary_files() as stop.folder:
             return main()
-        except BaseException:
-            if not stop.number:
-                raise
-            sys.stderr.write(stop.words())
-            return 128 + stop.number  # as shells say it
-        finally:
-            stop.over()
+    except BaseException:
+        if not stop.number:
+            raise
+        sys.stderr.write(stop.words())
+        return 128 + stop.number  # as shells say it
+    finally:
+        stop.over()
 
 
 class _Stop:
     """Ends the process on a signal: by an exception, so that everything is tidied up; by force when that was swallowed
-    or takes long, or when the signal comes again."""
+    or takes long, or when the signal comes again. `folder` is removed in any case."""
 
-    def __init__(self, folder: Path) -> None:
-        self.number, self._folder = 0, folder
+    def __init__(self) -> None:
+        self.number = 0
+        self.folder: Path | None = None
         self._asked, self._over = threading.Event(), threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
         for number, usual in _SIGNALS.items():
@@ -87,7 +89,8 @@ class _Stop:
             self._end()
 
     def _end(self) -> None:
-        shutil.rmtree(self._folder, ignore_errors=True)
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
         with suppress(OSError):
             os.write(2, self.words().encode())
         os._exit(128 + self.number)  # children go with this process
@@ -101,6 +104,17 @@ class _Stop:
                 hook(*about)
 
         return said
+
+
+@contextmanager
+def signals_kept() -> Iterator[None]:
+    """Keeps what signals do over the import of a library that takes them for itself; in any thread."""
+    system, kept = ctypes.CDLL(None), {number: ctypes.create_string_buffer(512) for number in _SIGNALS}
+    for number, action in kept.items():
+        system.sigaction(int(number), None, action)
+    yield
+    for number, action in kept.items():
+        system.sigaction(int(number), action, None)
 
 
 @contextmanager

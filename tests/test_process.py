@@ -158,6 +158,17 @@ def test_a_signal_that_foreign_code_swallows_ends_it_all_the_same(tmp_path, agai
     assert not list(tmp_path.iterdir())
 
 
+def test_a_library_that_takes_signals_for_itself(tmp_path):
+    """As pycolmap does when it is imported: a run ended with a stack trace."""
+    load = "from recon import lenses; print(len(lenses.models()), flush=True)"
+    code = f"def main():\n    {load}; {SLEEP}\n{COMMAND}"
+    process = python(code, tmp_path)
+    assert int(process.stdout.readline()) > 10
+    process.terminate()
+    assert process.communicate()[1] == "terminated; run the same command again to go on from the last finished stage\n"
+    assert process.returncode == 143
+
+
 def test_interrupts_in_callbacks_are_not_shown(tmp_path):
     """As in Blender's handlers: the error is printed where it arose, and all goes on."""
     callback = "class C:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM)\n        time.sleep(9)\n"
