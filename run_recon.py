@@ -17,16 +17,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from recon import process
+from recon import net, process
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     from procmodels import names
+    from recon.arguments import Parser, number, path, seed, whole
 
-    p = argparse.ArgumentParser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
+    p = Parser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
     photos = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras; "
-    p.add_argument("photos", type=Path, metavar="INPUT", help=photos + "a mesh, point cloud, splat or voxel grid")
+    p.add_argument("photos", type=path, metavar="INPUT", help=photos + "a mesh, point cloud, splat or voxel grid")
     p.add_argument(
         "--input", metavar="KIND", help="what INPUT is, when it is taken for something else: mesh, cloud, ..."
     )
@@ -34,18 +35,18 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--front", default="auto", help="axis of a shape's file that the object faces (auto)")
     classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file, code that is run (default chair)"
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
-    p.add_argument("--out", type=Path, help="where results go (default: out/<name of the photo folder>)")
-    p.add_argument("--masks", type=Path, help="folder of your own masks: same names as the photos, white = object")
-    p.add_argument("--mask", type=Path, metavar="FILE", help="of one image: white = object")
+    p.add_argument("--out", type=path, help="where results go (default: out/<name of the photo folder>)")
+    p.add_argument("--masks", type=path, help="folder of your own masks: same names as the photos, white = object")
+    p.add_argument("--mask", type=path, metavar="FILE", help="of one image: white = object")
     p.add_argument("--box", metavar="X,Y,W,H", help="of one image: pixels round the object, which is then cut out")
-    p.add_argument("--pix3d", type=Path, metavar="FILE", help="of one image: Pix3D's pix3d.json with its camera")
+    p.add_argument("--pix3d", type=path, metavar="FILE", help="of one image: Pix3D's pix3d.json with its camera")
     p.add_argument(
-        "--camera-off", type=float, metavar="DEGREES", help="how far --pix3d's camera may be off; found with the shape"
+        "--camera-off", type=number, metavar="DEGREES", help="how far --pix3d's camera may be off; found with the shape"
     )
-    p.add_argument("--height", type=float, metavar="METRES", help="real height of the object: gives real sizes")
+    p.add_argument("--height", type=number, metavar="METRES", help="real height of the object: gives real sizes")
     p.add_argument(
         "--cameras",
-        type=Path,
+        type=path,
         metavar="PATH",
         help="known cameras of photos or a splat: COLMAP model or transforms.json",
     )
@@ -55,8 +56,8 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
     p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
-    p.add_argument("--frames", type=int, default=40, metavar="N", help="of a video, that are used (default 40)")
-    p.add_argument("--seed", type=int, default=0, help="same seed, same result (default 0)")
+    p.add_argument("--frames", type=whole, default=40, metavar="N", help="of a video, that are used (default 40)")
+    p.add_argument("--seed", type=seed, default=0, help="same seed, same result (default 0)")
     p.add_argument("--force", action="store_true", help="redo every stage")
     p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")
     p.add_argument("--verbose", action="store_true", help="say more about every stage")
@@ -69,23 +70,42 @@ def main(argv: list[str] | None = None) -> int:
     # are tiny. Both must be set before torch and numpy load.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    args = parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
-    logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
-    for noisy in ("PIL", "trimesh", "matplotlib"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
-    from procmodels import ModelError
-    from recon.names import shown
-    from recon.scene import ReconError
+    words = _joined(sys.argv[1:] if argv is None else argv)
+    net.quiet("--verbose" in words)
+    return net.run(lambda about: _command(words, about))
 
-    out = args.out or Path("out") / (args.photos.stem if args.photos.is_file() else args.photos.resolve().name)
-    try:
-        with contextlib.redirect_stdout(sys.stderr):  # model files and libraries may print; the summary stands alone
-            report = _reconstructed(args, out)
-    except (ReconError, ModelError) as error:  # a user's model may fail on some shapes only
-        sys.stderr.write(f"error: {shown(str(error))}\n")
-        return error.exit_code
+
+def _command(words: list[str], about: net.About) -> int:
+    """Reconstruct and tell; raises what net.run says to the user."""
+    args = parser().parse_args(words)
+    about.what = args.photos
+    logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
+    from recon.arguments import readable
+
+    for option, given in (
+        ("INPUT", args.photos),
+        ("--masks", args.masks),
+        ("--mask", args.mask),
+        ("--pix3d", args.pix3d),
+        ("--cameras", args.cameras),
+    ):
+        if given is not None:
+            readable(given, option)
+    out = _out(args)
+    about.log_folder = out / ".recon"
+    with contextlib.redirect_stdout(sys.stderr):  # model files and libraries may print; the summary stands alone
+        report = _reconstructed(args, out)
     sys.stdout.write(summary(report))
+    sys.stdout.flush()
     return 0
+
+
+def _out(args: argparse.Namespace) -> Path:
+    """The folder of the results."""
+    if args.out is not None:
+        return args.out
+    source = args.photos
+    return Path("out") / (source.stem if source.is_file() else Path(os.path.realpath(source)).name)
 
 
 def _joined(argv: list[str]) -> list[str]:

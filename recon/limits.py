@@ -1,4 +1,26 @@
-"""How large an input may be, stated once and checked from headers before memory is taken: a run stays below 4 GB."""
+"""How large an input may be: every limit, stated once, and checked from headers before memory is taken.
+
+A run stays below 4 GB. Numbers without a unit count things; the comments say what a limit leaves room for.
+"""
+
+# Memory that the libraries need before anything is read; below it they fail to load, or wait for ever.
+ADDRESS_SPACE = 4 << 30  # bytes, as ulimit -v counts them
+DATA = 2 << 30  # bytes, as ulimit -d counts them
+
+# Pictures: photos, masks, textures
+PIXELS = 200_000_000  # of one; the largest phone sensors have these, and PIL takes 4 bytes for each
+PIXELS_AT_ONCE = 50_000_000  # pictures above it are decoded one after the other
+PICTURE_SIDE = 65_535  # pixels; JPEG cannot be longer, and a strip of one pixel is no photo
+PICTURE_BYTES = 1 << 30  # of a file; larger ones are no photos, and are told apart by their ends alone
+
+# Folders and videos
+FILES = 20_000  # of a folder; photos beyond some hundreds add time and nothing else
+VIDEO_SECONDS = 3600  # of a video; a walk round a piece of furniture takes one or two minutes
+VIDEO_PIXELS = 50_000_000  # of a frame: 8K has 33 million
+
+# Text
+JSON = 64 << 20  # bytes; Pix3D's own file has 13 MB, and Python takes about ten times as much
+CAMERAS = 1 << 30  # bytes of a COLMAP model's file: millions of points
 
 # Pictures: photos, masks, textures
 PIXELS = 200_000_000  # of one; the largest phone sensors have these, and PIL takes 4 bytes for each
