@@ -29,7 +29,7 @@ def path(text: str) -> Path:
 
 
 def readable(given: Path, option: str) -> None:
-    """Raise InputError unless a file or folder is there and can be read: neither pipe nor device, no link to nowhere."""
+    """Raise InputError unless a file or folder is there and can be read: no pipe, no device, no link to nowhere."""
     try:
         mode = given.stat().st_mode
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
@@ -42,8 +42,8 @@ def readable(given: Path, option: str) -> None:
 
 def _not_there(given: Path, error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
-        dangling = given.is_symlink()
-        return f"{given} is a link to {os.readlink(given)}, which does not exist" if dangling else f"{given} does not exist"
+        link = f" is a link to {os.readlink(given)}, which" if given.is_symlink() else ""
+        return f"{given}{link} does not exist"
     return f"{given} cannot be read ({getattr(error, 'strerror', None) or error})"
 
 

@@ -55,8 +55,8 @@ def _print(number: int, outcome: runner.Outcome) -> None:
 def _sum_up(outcomes: list[runner.Outcome], seconds: float) -> None:
     codes = {code: sum(o.code == code for o in outcomes) for code in sorted({o.code for o in outcomes})}
     sys.stdout.write(
-        f"{len(outcomes)} bad inputs in {seconds:.0f} s; {sum(bool(o.wrong) for o in outcomes)} end wrongly; exit codes "
-        f"{codes}; at most {max((o.memory for o in outcomes), default=0) / (1 << 30):.2f} GB and "
+        f"{len(outcomes)} bad inputs in {seconds:.0f} s; {sum(bool(o.wrong) for o in outcomes)} end wrongly; exit "
+        f"codes {codes}; at most {max((o.memory for o in outcomes), default=0) / (1 << 30):.2f} GB and "
         f"{max((o.seconds for o in outcomes), default=0):.0f} s\n"
     )
 

@@ -104,7 +104,17 @@ def _as_it_is(folder: Path, rng: np.random.Generator) -> None:
 def _options() -> Iterator[Case]:
     """Options with values of all kinds, with an input that takes them."""
     odd = ("", " ", "nan", "inf", "-inf", "-1", "0", "1e308", "1e-308", "9" * 400, "abc", "1,2", "1,2,3,4", "None")
-    odd += ("0x10", "１２", "-5,-5,10,10", "nan,nan,nan,nan", "1e308,1e308,1e308,1e308", "0,0,0,0", ",,,", "🪑", "a\tb")
+    odd += (
+        "0x10",
+        "\uff11\uff12",
+        "-5,-5,10,10",
+        "nan,nan,nan,nan",
+        "1e308,1e308,1e308,1e308",
+        "0,0,0,0",
+        ",,,",
+        "🪑",
+        "a\tb",
+    )
     takes = {
         "mask": ("--height", "--seed", "--intrinsics", "--focal-mm", "--class", "--input", "--out", "--from", "--up"),
         "image-and-mask": ("--box", "--mask", "--pix3d", "--camera-off"),

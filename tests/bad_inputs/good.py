@@ -16,7 +16,8 @@ from PIL import Image
 
 from nnproc.rays import look_at_cameras
 from procmodels import load
-from recon import camera_files, colmap_model, photo, pix3d_record
+from recon import camera_files, colmap_model, pix3d_record
+from recon.photo import pillow_heif
 from recon.raster import silhouettes
 from recon.scene import Cameras, Poses
 
@@ -80,7 +81,7 @@ def _in(folder: Path, name: str) -> Path:
 
 def _photos(made: Scene, folder: Path) -> Iterator[Good]:
     """Folders of photos without cameras, in every format."""
-    assert photo.pillow_heif, "which brings HEIC"
+    assert pillow_heif.options, "HEIC is known"
     for ending in ("jpg", "png", "tif", "webp", "bmp", "heic", "avif"):
         own = _in(folder, f"photos-{ending}")
         for i, picture in enumerate(made.photos[:3]):

@@ -25,7 +25,7 @@ MOST_SECONDS = 60  # of computing
 HANGS = 240  # seconds that go by: it waits for something that never comes
 NOBODY = 65534
 RESULTS = ("report.html", "report.json", "params.json", "mesh.glb", "mesh.obj", "model.blend", "contact_sheet.png")
-_NOISE = re.compile(r"Warning:|^libpng|^\[(WARN|ERROR|Open3D)|OpenCV|^Corrupt|^TIFF|^Premature|^Exception ", re.MULTILINE)
+_NOISE = re.compile(r"Warning:|^libpng|^\[(WARN|ERROR|Open3D)|OpenCV|^Corrupt|^TIFF|^Exception ", re.MULTILINE)
 
 
 @dataclass(frozen=True)
