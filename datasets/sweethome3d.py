@@ -16,6 +16,7 @@ from datasets.real_object import DataError
 
 PROPERTIES = "PluginFurnitureCatalog.properties"
 MAX_FILE = 64 << 20  # bytes, unpacked: larger members are refused
+MAX_PROPERTIES = 8 << 20  # bytes: the text of thousands of models; in memory it takes fifty times as much
 MAX_MODEL = 256 << 20  # bytes, unpacked: all files of one model
 
 
@@ -46,9 +47,9 @@ class Model:
 def read_catalogue(path: Path) -> list[Model]:
     """All models of a catalogue, in its order."""
     with _open(path) as archive:
-        text = _read(archive, PROPERTIES).decode("latin-1")
+        text = _read(archive, PROPERTIES, MAX_PROPERTIES).decode("latin-1")
     table = dict(re.findall(r"^\s*([\w#]+)\s*[=:]\s*(.*?)\s*$", text, re.MULTILINE))
-    numbers = sorted(int(key[6:]) for key in table if re.fullmatch(r"model#\d+", key))
+    numbers = sorted(int(key[6:]) for key in table if re.fullmatch(r"model#\d{1,9}", key))
     return [_model(table, n) for n in numbers]
 
 
@@ -155,18 +156,19 @@ def _open(path: Path) -> zipfile.ZipFile:
         raise CatalogueError(f"{path}: not a .sh3f catalogue ({error})") from error
 
 
-def _read(archive: zipfile.ZipFile, member: str) -> bytes:
+def _read(archive: zipfile.ZipFile, member: str, most: int | None = None) -> bytes:
     """A member's bytes; the declared size is checked first and the real one never exceeds it by more than a byte."""
     try:
+        most = MAX_FILE if most is None else most
         info = archive.getinfo(member)
-        if info.file_size > MAX_FILE:
-            raise CatalogueError(f"{member}: {info.file_size >> 20} MB unpacked, more than {MAX_FILE >> 20} MB")
+        if info.file_size > most:
+            raise CatalogueError(f"{member}: {info.file_size >> 20} MB unpacked, more than {most >> 20} MB")
         with archive.open(info) as stream:
-            data = stream.read(MAX_FILE + 1)
+            data = stream.read(most + 1)
     except KeyError as error:
         raise CatalogueError(f"{archive.filename}: there is no {member} in it") from error
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError) as error:
         raise CatalogueError(f"{archive.filename}: {member} is damaged ({error})") from error
-    if len(data) > MAX_FILE:
-        raise CatalogueError(f"{member}: more than {MAX_FILE >> 20} MB unpacked")
+    if len(data) > most:
+        raise CatalogueError(f"{member}: more than {most >> 20} MB unpacked")
     return data

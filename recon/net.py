@@ -25,7 +25,6 @@ from recon import limits
 from recon.names import shown
 
 FAILED = 3
-INTERRUPTED = 130
 LOG = ".failed.log"  # its name in the work folder of a run
 _LONGEST = 1500  # characters of a line for people
 _STAGE = re.compile(r"\[\d+/\d+\] (.+)")  # as the pipelines say them
@@ -60,11 +59,7 @@ def run(work: Callable[[About], int]) -> int:
         _refuse_too_little_memory()
         return work(about)
     except KeyboardInterrupt:
-        say("interrupted; run the same command again to go on from the last finished stage")
-        return INTERRUPTED
-    except BrokenPipeError:  # whoever read our words has gone: nobody is left to be told
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        raise
     except BaseException as error:  # SystemExit of foreign code as well
         if isinstance(error, SystemExit) and about.what is None:  # --help
             raise

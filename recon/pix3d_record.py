@@ -8,7 +8,6 @@ image's middle.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,13 @@ from typing import Any
 import numpy as np
 
 from datasets.pix3d import PIX3D_FROM_CANONICAL
+from recon import limits
+from recon.json_file import read_json
 from recon.scene import InputError
 
 SENSOR_MM = 32.0
+LENS_MM = (1.0, 10_000.0)  # focal lengths outside are no lens
+MOST_DISTANCE = 1e6  # of the object, in the model's units
 OPENCV_FROM_PIX3D = np.diag([-1.0, -1.0, 1.0])
 
 
@@ -47,14 +50,18 @@ def read_camera(file: Path, name: str, size: tuple[int, int]) -> Pix3dCamera:
         translation = np.array(record["trans_mat"], float).reshape(3)
         focal = float(record["focal_length"])
         width, height = (int(v) for v in record.get("img_size") or size)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{file}: the record of {name} is not complete ({error}); rot_mat (3 x 3), trans_mat (3) and focal_length "
             "(mm, for a 32 mm wide sensor) are needed"
         ) from error
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-2) or np.linalg.det(rotation) < 0:
+    # No entry of a rotation is above 1; products of huge ones would overflow.
+    turns = bool((np.abs(rotation) < 2).all()) and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-2)
+    if not turns or np.linalg.det(rotation) < 0:
         raise InputError(f"{file}: rot_mat of {name} is not a rotation")
-    if not (np.isfinite(translation).all() and focal > 0 and width > 0 and height > 0 and translation[2] > 0):
+    before = bool(np.abs(translation).max() < MOST_DISTANCE) and translation[2] > 0
+    sized = min(width, height) > 0 and max(width, height) <= limits.PICTURE_SIDE
+    if not (before and sized and LENS_MM[0] < focal < LENS_MM[1]):
         raise InputError(f"{file}: the record of {name} puts the object behind the camera, or its lens is absurd")
     u, _, vt = np.linalg.svd(rotation)
     pixels = focal / SENSOR_MM * width
@@ -66,10 +73,7 @@ def read_camera(file: Path, name: str, size: tuple[int, int]) -> Pix3dCamera:
 
 
 def _records(file: Path) -> list[dict[str, Any]]:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file} cannot be read as Pix3D's pix3d.json ({error})") from error
+    content = read_json(file, "Pix3D's pix3d.json")
     records = [content] if isinstance(content, dict) else content
     if not isinstance(records, list) or not all(isinstance(r, dict) for r in records):
         raise InputError(f"{file} is not Pix3D's pix3d.json: a list of records is expected")

@@ -11,19 +11,27 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
+from recon import net
+from recon.arguments import Parser
 from recon.evaluate import alignment, calibration, chair, gallery, robust, speed, table1, table1_rows, table2, table3
 from recon.evaluate.real_answers import INPUTS
-from recon.evaluate.rows import Row, machine, print_table, write_json
+from recon.evaluate.rows import Row, machine, print_table, read_json_rows, write_json
 from recon.evaluate.speed_rows import SpeedOptions, quick, read_rows, write_rows
 from recon.evaluate.table2 import Table2Row
-from recon.scene import ReconError
+from recon.scene import InputError
 
 WORK = Path(".cache/evaluate")
 
 
 def main(argv: list[str] | None = None) -> int:
     """The command line; exit code 1 when a bound does not hold."""
-    parser = argparse.ArgumentParser(prog="python -m recon.evaluate", description=__doc__)
+    net.quiet(verbose=False)
+    return net.run(lambda about: _command(argv, about))
+
+
+def _command(argv: list[str] | None, about: net.About) -> int:
+    """Measure and tell; raises what net.run says to the user."""
+    parser = Parser(prog="python -m recon.evaluate", description=__doc__)
     tables = parser.add_subparsers(dest="table", required=True)
     _chair_flags(tables.add_parser("chair", help="photo sets of chairs: what was promised and what is measured"))
     _table1_flags(tables.add_parser("table1", help="the paper's Table 1: tasks, baselines, ablations"))
@@ -40,14 +48,11 @@ def main(argv: list[str] | None = None) -> int:
         command.add_argument("--work", type=Path, default=WORK, help="intermediate results, kept between runs")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    about.what = args.table
     try:
         return args.run(args)
-    except ReconError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return error.exit_code
     except (ModelError, WeightsError, ValueError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+        raise InputError(str(error)) from error
 
 
 def _chair_flags(parser: argparse.ArgumentParser) -> None:
@@ -74,8 +79,7 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
 
 def _table1(args: argparse.Namespace) -> int:
     if args.show:
-        rows = [table1_rows.Table1Row.from_json(r) for r in json.loads(args.show.read_text())]
-        sys.stdout.write(table1_rows.compact(rows))
+        sys.stdout.write(table1_rows.compact(read_json_rows(args.show, table1_rows.Table1Row.from_json)))
         return 0
     defaults = table1.Table1Options()
     if not 2 <= args.shapes <= 300:
@@ -126,7 +130,7 @@ def _real_flags(parser: argparse.ArgumentParser, classes: Sequence[str]) -> None
 
 def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[list[Table2Row]], str]) -> int:
     if args.show:
-        sys.stdout.write(summary([Table2Row.from_json(r) for r in json.loads(args.show.read_text())]))
+        sys.stdout.write(summary(read_json_rows(args.show, Table2Row.from_json)))
         return 0
     if not args.data:
         raise ValueError("--data PATH is needed: ShapeNet, Pix3D, a .sh3f catalogue or a folder of meshes")

@@ -8,7 +8,6 @@ floor leaves its front (-Y). A chair must look along the arrow. A file that cann
 
 from __future__ import annotations
 
-import argparse
 import logging
 import sys
 from pathlib import Path
@@ -21,6 +20,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from datasets.real import DataError, RealObject, objects
 from procmodels import names
+from recon import net
+from recon.arguments import Parser, readable
+from recon.scene import InputError
 from recon.shade import view
 
 CELL = 260  # px, side of a picture
@@ -93,7 +95,13 @@ def _shaded(mesh: trimesh.Trimesh, eye: np.ndarray, directions: np.ndarray) -> n
 
 def main(argv: list[str] | None = None) -> int:
     """The command line; exit code 2 when the path cannot be used."""
-    parser = argparse.ArgumentParser(prog="python -m recon.evaluate.axes", description=__doc__)
+    net.quiet(verbose=False)
+    return net.run(lambda about: _command(argv, about))
+
+
+def _command(argv: list[str] | None, about: net.About) -> int:
+    """List or draw; raises what net.run says to the user."""
+    parser = Parser(prog="python -m recon.evaluate.axes", description=__doc__)
     parser.add_argument("path", type=Path, help="whatever datasets.real reads: .sh3f, Pix3D, ShapeNet, mesh folders")
     parser.add_argument("--class", dest="class_name", choices=names(), help="only this class")
     parser.add_argument("--limit", type=int, help="only the first objects")
@@ -101,11 +109,12 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     logging.getLogger("datasets").setLevel(logging.INFO)  # which folders are left out, and why
+    about.what = args.path
+    readable(args.path, "PATH")
     try:
         items = objects(args.path, args.class_name)[: args.limit]
     except DataError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+        raise InputError(str(error)) from error
     if args.picture is None:
         for item in items:
             sys.stdout.write(f"{item.data}\t{item.class_name}\t{item.name}\t{item.source}\n")

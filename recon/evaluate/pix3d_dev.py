@@ -9,7 +9,6 @@ best of four quarter turns about the vertical counts, because which side is the 
 
 from __future__ import annotations
 
-import argparse
 import csv
 import logging
 import sys
@@ -23,13 +22,15 @@ import trimesh
 
 from datasets.pix3d import PIX3D_FROM_CANONICAL
 from procmodels import Model, load
+from recon import net
+from recon.arguments import Parser, readable
 from recon.camera_search import FoundView, find
 from recon.evaluate.metrics import best_turn
 from recon.evaluate.rows import Row, print_table
 from recon.evaluate.scenes import read_mask
 from recon.mask_windows import guessed_K, mask_box
 from recon.raster import iou, silhouettes
-from recon.scene import Cameras, ReconError, cam_from_canonical
+from recon.scene import Cameras, InputError, cam_from_canonical
 from recon.view_bank import load_bank
 from recon.view_search import CameraSearchOptions, OneView
 from recon.whole_files import write_picture
@@ -138,21 +139,27 @@ def summary(rows: list[Measured]) -> list[Row]:
 
 def main(argv: list[str] | None = None) -> int:
     """The command line; exit code 1 when an aim is missed."""
-    parser = argparse.ArgumentParser(prog="python -m recon.evaluate.pix3d_dev", description=__doc__)
+    net.quiet(verbose=False)
+    return net.run(lambda about: _command(argv, about))
+
+
+def _command(argv: list[str] | None, about: net.About) -> int:
+    """Measure and tell; raises what net.run says to the user."""
+    parser = Parser(prog="python -m recon.evaluate.pix3d_dev", description=__doc__)
     parser.add_argument("folder", type=Path, help="NAME.png masks, and NAME.ply models where they are known")
     parser.add_argument("--class", dest="class_name", default="chair")
     parser.add_argument("--out", type=Path, default=Path(".cache/pix3d_dev"), help="objects.csv and overlays")
     parser.add_argument("--limit", type=int, help="only the first masks")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    about.what = args.folder
+    readable(args.folder, "FOLDER")
     try:
         rows = run(args.folder, load(args.class_name), args.out, args.limit)
-    except (ReconError, ValueError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+    except ValueError as error:
+        raise InputError(str(error)) from error
     if not rows:
-        sys.stderr.write(f"error: {args.folder} holds no .png masks\n")
-        return 2
+        raise InputError(f"{args.folder} holds no .png masks")
     table = summary(rows)
     print_table(table, sys.stdout)
     return 0 if all(r.holds for r in table) else 1

@@ -5,10 +5,16 @@ from __future__ import annotations
 import json
 import os
 import platform
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO, TypeVar
+
+from recon.json_file import read_json
+from recon.scene import InputError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -57,3 +63,11 @@ def write_json(rows: list[Row], path: Path) -> None:
     partial.parent.mkdir(parents=True, exist_ok=True)
     partial.write_text(json.dumps([{**asdict(r), "holds": r.holds} for r in rows], indent=1) + "\n")
     partial.replace(path)
+
+
+def read_json_rows(path: Path, from_json: Callable[[dict[str, Any]], T]) -> list[T]:
+    """The rows of a table that was written as JSON. Raises InputError when the file holds others, or none."""
+    try:
+        return [from_json(values) for values in read_json(path, "rows of this table")]
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path} does not hold rows of this table ({type(error).__name__}: {error})") from error

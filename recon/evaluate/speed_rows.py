@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from nnproc.fitting import FitOptions
+from recon.evaluate.rows import read_json_rows
 
 GROWTH, LIMIT, STAGE = "growth, ", "limit, ", "stage, "  # how the rows of each kind begin
 
@@ -116,4 +117,4 @@ def write_rows(rows: Sequence[SpeedRow], path: Path) -> None:
 
 def read_rows(path: Path) -> list[SpeedRow]:
     """The inverse of write_rows."""
-    return [SpeedRow.from_json(r) for r in json.loads(path.read_text())]
+    return read_json_rows(path, SpeedRow.from_json)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from datasets.sweethome3d import PROPERTIES
 from tests.bad_inputs import huge
 from tests.bad_inputs.damage import BYTES, SPECIAL, TEXT, Damage
 from tests.bad_inputs.good import RUN, Good
@@ -29,15 +31,15 @@ class Case:
 
 
 def chosen(goods: list[Good], count: int, seed: int) -> list[Case]:
-    """`count` cases in an order that visits every class of input and of damage before any of them again."""
+    """The first `count` cases of an order in which those of every group are spread evenly."""
     rng = np.random.default_rng(seed)
-    groups = [[*_damaged(good)] for good in goods] + [[*_huge(goods)], [*_named(goods)], [*_options()], [*_folders()]]
-    for group in groups:
-        rng.shuffle(group)  # type: ignore[arg-type]
-    sizes = np.array([len(g) for g in groups])
-    place = np.concatenate([(np.arange(n) + rng.random()) / n for n in sizes])  # even shares of every group
-    cases = [case for group in groups for case in group]
-    return [cases[i] for i in np.argsort(place, kind="stable")[:count]]
+    groups = [(1.0, [*_damaged(good)]) for good in goods]
+    groups += [(0.5, [*_huge(goods)]), (1.0, [*_catalogues(goods)]), (2.0, [*_named(goods)]), (3.0, [*_options()]), (0.5, [*_folders()])]
+    placed = []
+    for rarity, group in groups:
+        order, first = rng.permutation(len(group)), rng.random()
+        placed += [(rarity * (first + i) / len(group), group[k]) for i, k in enumerate(order)]
+    return [case for _, case in sorted(placed, key=lambda pair: pair[0])[:count]]
 
 
 def _on(target: str, damage: Damage) -> Prepare:
@@ -70,6 +72,30 @@ def _huge(goods: list[Good]) -> Iterator[Case]:
     for good in (g for g in goods if g.name == "catalogue"):
         bomb = _written("a.sh3f", huge.catalogue_bomb)
         yield Case("catalogue: bomb", "catalogue", good.words, bomb, good.command)
+
+
+def _catalogues(goods: list[Good]) -> Iterator[Case]:
+    """The text within a catalogue."""
+    for good in (g for g in goods if g.name == "catalogue"):
+        for member in (PROPERTIES, "a/chair.obj"):
+            for name, damage in {**TEXT, **BYTES}.items():
+                prepare = _within("a.sh3f", member, damage)
+                yield Case(f"catalogue: {member}: {name}", good.name, good.words, prepare, good.command)
+
+
+def _within(target: str, member: str, damage: Damage) -> Prepare:
+    """Damage to one file of a zip archive."""
+
+    def prepare(folder: Path, rng: np.random.Generator) -> None:
+        with zipfile.ZipFile(folder / target) as archive:
+            files = {name: archive.read(name) for name in archive.namelist()}
+        loose = folder.with_suffix(".member")
+        loose.write_bytes(files[member])
+        damage(loose, rng)
+        (folder / target).write_bytes(huge.zipped({**files, member: loose.read_bytes()}))
+        loose.unlink()
+
+    return prepare
 
 
 def _written(target: str, make: Callable[[], bytes]) -> Prepare:
