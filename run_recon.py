@@ -80,7 +80,7 @@ def _command(words: list[str], about: net.About) -> int:
     args = parser().parse_args(words)
     about.what = args.photos
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
-    from recon.arguments import readable
+    from recon.arguments import nameable, readable
 
     for option, given in (
         ("INPUT", args.photos),
@@ -92,6 +92,7 @@ def _command(words: list[str], about: net.About) -> int:
         if given is not None:
             readable(given, option)
     out = _out(args)
+    nameable(out, "--out")
     about.log_folder = out / ".recon"
     with contextlib.redirect_stdout(sys.stderr):  # model files and libraries may print; the summary stands alone
         report = _reconstructed(args, out)

@@ -67,7 +67,7 @@ def _records(folder: Path) -> list[dict[str, Any]]:
     file = folder / RECORDS
     try:
         records = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"{file} cannot be read as Pix3D's list of records ({error})") from error
     if not isinstance(records, list):
         raise DataError(f"{file} is not Pix3D's: a list of records is expected")

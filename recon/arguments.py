@@ -40,11 +40,21 @@ def readable(given: Path, option: str) -> None:
         raise InputError(f"{option} {given} cannot be read; check its permissions")
 
 
+def nameable(given: Path, option: str) -> None:
+    """Raise InputError unless a file or folder can have this name, whether it is there or not."""
+    try:
+        given.stat()
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:
+        raise InputError(f"{option} {_not_there(given, error)}; choose another name") from error
+
+
 def _not_there(given: Path, error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         link = f" is a link to {os.readlink(given)}, which" if given.is_symlink() else ""
         return f"{given}{link} does not exist"
-    return f"{given} cannot be read ({getattr(error, 'strerror', None) or error})"
+    return f"{given} cannot be opened ({getattr(error, 'strerror', None) or error})"
 
 
 def seed(text: str) -> int:

@@ -121,8 +121,8 @@ def _write_log(folder: Path | None) -> Path | None:
     except (MemoryError, RecursionError):
         text = f"{when}\n{sys.exc_info()[0]} and no room for a traceback\n"
     data = text.encode("utf-8", "backslashreplace")
-    if folder is not None and folder.is_dir() and not folder.is_symlink():
-        with suppress(OSError):
+    with suppress(OSError, ValueError):  # a name that no file can have
+        if folder is not None and folder.is_dir() and not folder.is_symlink():
             (folder / LOG).write_bytes(data)
             return folder / LOG
     with suppress(OSError):

@@ -112,8 +112,8 @@ def odd_paths(folder):
     yield folder / "pipe", "is a pipe, a socket or a device"
     yield folder / "zero", "is a pipe, a socket or a device"
     yield folder / "nowhere", "is a link to gone, which does not exist"
-    yield folder / "loop", "cannot be read (Too many levels of symbolic links)"
-    yield folder / ("n" * 300), "cannot be read (File name too long)"
+    yield folder / "loop", "cannot be opened (Too many levels of symbolic links)"
+    yield folder / ("n" * 300), "cannot be opened (File name too long)"
     yield folder / "two\nlines", "two\\nlines does not exist"
     yield folder / "caf\udce9", "caf\\xe9 does not exist"
 
@@ -152,3 +152,13 @@ def test_options_that_make_no_sense(tmp_path, capsys, words, message):
     errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert len(errors) == 1
     assert message in errors[0]
+
+
+@pytest.mark.parametrize("name", ["n" * 300, "loop", "loop/below", "a.obj/below"])
+def test_results_need_a_name_that_a_folder_can_have(tmp_path, capsys, name):
+    (tmp_path / "a.obj").write_text(TETRAHEDRON)
+    (tmp_path / "loop").symlink_to("loop")
+    assert main([str(tmp_path / "a.obj"), "--out", str(tmp_path / name)]) == 2
+    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1
+    assert name in errors[0]
