@@ -34,7 +34,13 @@ def chosen(goods: list[Good], count: int, seed: int) -> list[Case]:
     """The first `count` cases of an order in which those of every group are spread evenly."""
     rng = np.random.default_rng(seed)
     groups = [(1.0, [*_damaged(good)]) for good in goods]
-    groups += [(0.5, [*_huge(goods)]), (1.0, [*_catalogues(goods)]), (2.0, [*_named(goods)]), (3.0, [*_options()]), (0.5, [*_folders()])]
+    groups += [
+        (0.5, [*_huge(goods)]),
+        (1.0, [*_catalogues(goods)]),
+        (2.0, [*_named(goods)]),
+        (3.0, [*_options()]),
+        (0.5, [*_folders()]),
+    ]
     placed = []
     for rarity, group in groups:
         order, first = rng.permutation(len(group)), rng.random()

@@ -20,6 +20,7 @@ from recon import camera_files, colmap_model, pix3d_record
 from recon.photo import pillow_heif
 from recon.raster import silhouettes
 from recon.scene import Cameras, Poses
+from tests.bad_inputs import more_shapes
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}
 WIDTH, HEIGHT, VIEWS = 160, 120, 6
@@ -67,7 +68,8 @@ def make_all(folder: Path) -> list[Good]:
     """Write every good input into a folder of its own below `folder`."""
     made = scene()
     goods = []
-    for make in (_photos, _images, _known_cameras, _videos, _meshes, _clouds, _splats, _voxels, _others):
+    makers = (_photos, _images, _known_cameras, _videos, _meshes, _clouds, _splats, _others_programs, _voxels, _others)
+    for make in makers:
         for good in make(made, folder):
             goods.append(good)
     return goods
@@ -256,6 +258,12 @@ def _splats(made: Scene, folder: Path) -> Iterator[Good]:
     content = camera_files.transforms(made.cameras, [f"photos/{n}" for n in made.cameras.names], [""] * VIEWS)
     (own / "transforms.json").write_text(json.dumps(content))
     yield Good(own.name, ("a.ply", "--cameras", "transforms.json"), ("a.ply", "transforms.json"))
+
+
+def _others_programs(made: Scene, folder: Path) -> Iterator[Good]:
+    points = trimesh.sample.sample_surface(made.mesh, 1500, seed=0)[0]
+    for name, (file, text) in more_shapes.write(made.mesh, points, folder).items():
+        yield Good(name, (file,), (file,), text)
 
 
 def _voxels(made: Scene, folder: Path) -> Iterator[Good]:

@@ -24,6 +24,7 @@ MOST_MEMORY = 4 << 30  # bytes of resident memory
 MOST_SECONDS = 60  # of computing
 HANGS = 240  # seconds that go by: it waits for something that never comes
 NOBODY = 65534
+_SCRATCH = ("tmp", "nnproc-recon-", "one-image-", "masks-")  # how names of scratch files begin; Blender has its own
 RESULTS = ("report.html", "report.json", "params.json", "mesh.glb", "mesh.obj", "model.blend", "contact_sheet.png")
 _NOISE = re.compile(r"Warning:|^libpng|^\[(WARN|ERROR|Open3D)|OpenCV|^Corrupt|^TIFF|^Exception ", re.MULTILINE)
 
@@ -157,6 +158,6 @@ def _files_wrong(code: int, folder: Path, before: dict[str, tuple[int, int, int]
         yield f"{changed[0]!r} changed"
     if code and (found := [name for name in after.keys() - before.keys() if Path(name).name in RESULTS]):
         yield f"{found[0]!r} half-written"
-    left = [p.name for p in folder.with_suffix(".tmp").glob("*") if not p.name.startswith("recon-failed")]
+    left = [p.name for p in folder.with_suffix(".tmp").glob("*") if p.name.startswith(_SCRATCH)]
     if left:
         yield f"{left[0]!r} left among scratch files"
