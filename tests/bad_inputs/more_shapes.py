@@ -21,7 +21,8 @@ count="{numbers}">{corners}</float_array><technique_common><accessor source="#a"
 <library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
 </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 _USD = '#usda 1.0\n(\n    metersPerUnit = 1\n    upAxis = "Z"\n)\ndef Mesh "chair"\n{{\n'
-_USD += "    point3f[] points = [{points}]\n    int[] faceVertexCounts = [{counts}]\n    int[] faceVertexIndices = [{indices}]\n}}\n"
+_USD += "    point3f[] points = [{points}]\n    int[] faceVertexCounts = [{counts}]\n"
+_USD += "    int[] faceVertexIndices = [{indices}]\n}}\n"
 _3MF = '<?xml version="1.0"?><model unit="meter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">'
 _3MF += '<resources><object id="1" type="model"><mesh><vertices>{vertices}</vertices><triangles>{triangles}</triangles>'
 _3MF += '</mesh></object></resources><build><item objectid="1"/></build></model>'
