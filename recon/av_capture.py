@@ -39,8 +39,13 @@ class AvCapture:
         return True, np.ascontiguousarray(np.rot90(image, round(self.frame.rotation / 90)))
 
     def get(self, what: int) -> float:
-        """The number of frames that the file promises, 0 when it does not; nothing else is known."""
-        return float(self.stream.frames) if what == cv2.CAP_PROP_FRAME_COUNT else 0.0
+        """Width and height in pixels, and the number of frames; 0 for what the file does not promise."""
+        known = {
+            cv2.CAP_PROP_FRAME_COUNT: self.stream.frames,
+            cv2.CAP_PROP_FRAME_WIDTH: self.stream.width,
+            cv2.CAP_PROP_FRAME_HEIGHT: self.stream.height,
+        }
+        return float(known.get(what, 0))
 
     def release(self) -> None:
         """Close the file."""

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from recon import limits
 from recon.scene import InputError, Lens
+from recon.user_files import read_bytes
 
 SizeOf = Callable[[str], tuple[int, int] | None]  # (width, height) of the image of that name, None when it is missing
 
@@ -63,17 +65,9 @@ def rigid(matrix: np.ndarray, what: str) -> np.ndarray:
     return m
 
 
-def read_bytes(path: Path) -> bytes:
-    """A file's content; raises InputError when it cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-
-
 def read_json(path: Path) -> Any:
     """A JSON file's content, with a byte-order mark or without; raises InputError, ValueError or RecursionError."""
-    return json.loads(read_bytes(path))
+    return json.loads(read_bytes(path, limits.JSON))
 
 
 Row = tuple[str, tuple[int, int], np.ndarray, Lens | None, np.ndarray]  # name, size, K, lens, cam_from_world

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from recon.camera_records import CameraRecords, read_bytes
+from recon.camera_records import CameraRecords
 from recon.lenses import lens, models
 from recon.scene import InputError
+from recon.user_files import read_bytes
 
 MOST_POINTS = 200_000  # more are thinned out evenly: floor and walls do not need them
 

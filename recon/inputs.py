@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from recon import photo_folder, zipped
@@ -16,14 +15,14 @@ from recon.files import camera_table, formats
 from recon.files.head import head_of
 from recon.files.shape import SHAPES, Kind, Recognised
 from recon.folders import exists
-from recon.photo import UnreadablePhoto, opened
+from recon.photo import opened, thinned
 from recon.raw_photo import is_raw
 from recon.scene import InputError
 from recon.video import is_container
-from recon.whole_files import read_picture
 
 __all__ = ["SHAPES", "Kind", "Recognised", "recognise"]
 log = logging.getLogger("recon")
+_LOOK_PIXELS = 1_000_000  # of a picture, which tell a mask
 
 
 def recognise(path: Path, forced: str | None = None) -> Recognised:
@@ -68,12 +67,13 @@ def _two_valued(path: Path) -> bool:
     if path.suffix.lower() not in (".png", ".bmp", ".tif", ".tiff"):
         return False
     try:
-        with opened(path):  # which looks at the size first
-            image = read_picture(path, cv2.IMREAD_UNCHANGED)
-    except (UnreadablePhoto, OSError, SyntaxError, ValueError, cv2.error):
+        with opened(path) as picture:
+            if "A" in picture.getbands() or "transparency" in picture.info:
+                return False  # an alpha channel makes a photo with its own mask
+            small = thinned(picture, _LOOK_PIXELS)
+            image = np.asarray(small if small.mode[0] in "LIF" else small.convert("RGB"))
+    except Exception:  # decoders fail in many ways on damaged files; whoever reads it says what is wrong
         return False
-    if image is None or (image.ndim == 3 and image.shape[2] != 3):
-        return False  # an alpha channel makes a photo with its own mask
     grey = image if image.ndim == 2 else image[..., 0]
     if image.ndim == 3 and not (image == grey[..., None]).all():
         return False

@@ -11,23 +11,15 @@ DATA = 2 << 30  # bytes, as ulimit -d counts them
 PIXELS = 200_000_000  # of one; the largest phone sensors have these, and PIL takes 4 bytes for each
 PIXELS_AT_ONCE = 50_000_000  # pictures above it are decoded one after the other
 PICTURE_SIDE = 65_535  # pixels; JPEG cannot be longer, and a strip of one pixel is no photo
-PICTURE_BYTES = 1 << 30  # of a file; larger ones are no photos, and are told apart by their ends alone
+PICTURE_BYTES = 1 << 30  # of a file; larger ones are no photos
 
-# Folders and videos
-FILES = 20_000  # of a folder; photos beyond some hundreds add time and nothing else
-VIDEO_SECONDS = 3600  # of a video; a walk round a piece of furniture takes one or two minutes
-VIDEO_PIXELS = 50_000_000  # of a frame: 8K has 33 million
+FILES = 20_000  # of an archive of photos
+FRAME_PIXELS = 50_000_000  # of one frame of a video, of which decoders hold a dozen: 8K has 33 million
+VIDEO_FRAMES = 250_000  # an hour at 60 a second; a walk round a piece of furniture takes one or two minutes
 
 # Text
 JSON = 64 << 20  # bytes; Pix3D's own file has 13 MB, and Python takes about ten times as much
-CAMERAS = 1 << 30  # bytes of a COLMAP model's file: millions of points
-
-# Pictures: photos, masks, textures
-PIXELS = 200_000_000  # of one; the largest phone sensors have these, and PIL takes 4 bytes for each
-PIXELS_AT_ONCE = 50_000_000  # pictures above it are decoded one after the other
-PICTURE_SIDE = 65_535  # pixels; JPEG cannot be longer, and a strip of one pixel is no photo
-PICTURE_BYTES = 1 << 30  # of a file; larger ones are no photos
-FILES = 20_000  # of a folder or an archive
+CAMERAS = 512 << 20  # bytes of one file of a COLMAP model: millions of points
 
 # Shapes
 UNPACKED = 4 << 30  # bytes that an archive, or the arrays of a small file, may claim to unpack to

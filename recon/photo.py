@@ -106,7 +106,7 @@ def read_photo(path: Path, longest_side: int) -> Photo | None:
         return None
     except RawError as error:
         raise UnreadablePhoto(str(error)) from error
-    except UnreadablePhoto:
+    except (UnreadablePhoto, MemoryError):
         raise
     except PermissionError as error:
         raise UnreadablePhoto("it may not be read; check its permissions") from error
@@ -130,6 +130,14 @@ def opened(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Ima
             raise UnreadablePhoto(f"{_TOO_LARGE}, and it has {width} x {height}; save it smaller")
         with _ONE_LARGE if width * height > limits.PIXELS_AT_ONCE else nullcontext():
             yield image
+
+
+def thinned(image: Image.Image, pixels: int) -> Image.Image:
+    """Every n-th pixel of every n-th row where the image has more than `pixels`; values stay what they are."""
+    step = math.ceil(math.sqrt(image.width * image.height / pixels))
+    if step < 2:
+        return image
+    return image.resize((-(-image.width // step), -(-image.height // step)), Image.Resampling.NEAREST)
 
 
 def _decode(path: Path, longest_side: int) -> Photo:

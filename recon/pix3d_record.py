@@ -16,8 +16,8 @@ import numpy as np
 
 from datasets.pix3d import PIX3D_FROM_CANONICAL
 from recon import limits
-from recon.json_file import read_json
 from recon.scene import InputError
+from recon.user_files import read_json
 
 SENSOR_MM = 32.0
 LENS_MM = (1.0, 10_000.0)  # focal lengths outside are no lens

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from recon import limits
 from recon.folders import entries, exists, is_file
-from recon.photo import FORMATS, UnreadablePhoto, opened
+from recon.photo import FORMATS, UnreadablePhoto, opened, thinned
 from recon.scene import Frames, InputError, Poses
 from recon.undistort import undistorted_mask
 
@@ -215,9 +214,7 @@ def read_unknown(file: Path, size: tuple[int, int]) -> np.ndarray:
 def _grey_of(file: Path) -> np.ndarray:
     """(h, w) float of a mask file as people see it; of a very large one a reduced copy. Raises what readers raise."""
     with opened(file, (*FORMATS, "GIF", "PPM")) as picture:
-        factor = math.ceil(math.sqrt(picture.width * picture.height / limits.PIXELS_AT_ONCE))
-        small = picture.reduce(factor) if factor > 1 and picture.mode in ("L", "RGB", "RGBA") else picture
-        return _grey(ImageOps.exif_transpose(small))
+        return _grey(ImageOps.exif_transpose(thinned(picture, limits.PIXELS_AT_ONCE)))
 
 
 def _grey(picture: Image.Image) -> np.ndarray:

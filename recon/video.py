@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from recon import scratch
+from recon import limits, scratch
 from recon.av_capture import AvCapture
 from recon.scene import InputError
 from recon.store import Store, digest, file_digest
@@ -136,6 +136,7 @@ def _opened(path: Path) -> Iterator[cv2.VideoCapture | AvCapture]:
 def _capture(path: Path) -> cv2.VideoCapture | AvCapture:
     """OpenCV's decoder where it knows the codec, else PyAV's. Raises InputError."""
     capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)
+    _check_size(path, capture)
     knows = capture.isOpened() and capture.grab()
     capture.release()
     if knows:  # begun anew, since a frame was taken
@@ -143,12 +144,33 @@ def _capture(path: Path) -> cv2.VideoCapture | AvCapture:
         capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
         return capture
     try:
-        return AvCapture(path)
+        other = AvCapture(path)
+        _check_size(path, other)
+        return other
     except (OSError, ValueError) as error:  # FFmpeg's errors are both
         raise InputError(
             f"{path} cannot be decoded: it is cut off, damaged, or its codec is not known; record or export it "
             "anew (MP4 with H.264 is safe)"
         ) from error
+
+
+def _check_size(path: Path, capture: cv2.VideoCapture | AvCapture) -> None:
+    """Raise InputError when a frame is too large to decode a dozen of them."""
+    width, height = capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    if width * height > limits.FRAME_PIXELS:
+        raise InputError(
+            f"{path} has frames of {width:.0f} x {height:.0f}, at most {limits.FRAME_PIXELS // 10**6} megapixels "
+            "are read; export it smaller"
+        )
+
+
+def _check_length(path: Path, frames: int) -> None:
+    """Raise InputError for a film."""
+    if frames > limits.VIDEO_FRAMES:
+        raise InputError(
+            f"{path} has {frames:,} frames or more, at most {limits.VIDEO_FRAMES:,} are looked at; cut out the minutes "
+            "that show the object"
+        )
 
 
 def _look(path: Path, options: VideoOptions) -> Look:
@@ -157,6 +179,7 @@ def _look(path: Path, options: VideoOptions) -> Look:
     with _opened(path) as capture:
         promised = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         promised = promised if promised < 10**7 else 0
+        _check_length(path, promised)
         step = max(1, promised // (options.count * options.looks))
         with tqdm(total=promised or None, desc="looking for sharp frames", unit="frame", disable=None) as bar:
             while capture.grab():
@@ -168,6 +191,7 @@ def _look(path: Path, options: VideoOptions) -> Look:
                         sharpness.append(sharp)
                         thumbs.append(thumb)
                 at += 1
+                _check_length(path, at)
                 bar.update()
     shape = (-1, THUMB, THUMB)
     return Look(np.array(index, int), np.array(sharpness), np.array(thumbs, np.uint8).reshape(shape), at, promised)

@@ -1,4 +1,4 @@
-"""Generated bad inputs through the real commands: exit code 0, 2 or 3, one line, no file changed, memory and time bound.
+"""Generated bad inputs through the real commands: exit code 0, 2 or 3, one line, no file changed, bounded memory.
 
 `python -m tests.bad_inputs` runs any number of them and says what each came to.
 """

@@ -11,8 +11,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
-from recon.json_file import read_json
 from recon.scene import InputError
+from recon.user_files import read_json
 
 T = TypeVar("T")
 

@@ -43,6 +43,8 @@ class Outcome:
 
 def load_everything(whole: bool) -> None:
     """What a command loads, before anything is forked. Without `whole` the searches for the shape are left out."""
+    import encodings.utf_16_le  # noqa: F401  (all that a child without rights cannot load itself)
+
     import bpy  # noqa: F401
 
     for name in ("run_recon", "recon.evaluate.axes", "recon.evaluate.__main__", "recon.poses", "recon.from_masks"):
