@@ -21,6 +21,9 @@ class AvCapture:
             self.container.close()
             raise ValueError("it holds no video stream")
         self.stream = self.container.streams.video[0]
+        if self.stream.codec_context is None:
+            self.container.close()
+            raise ValueError("its codec is not known")
         self.errors = (av.FFmpegError, EOFError)
         self.frames: Iterator[Any] = self.container.decode(self.stream)
         self.frame: Any = None
