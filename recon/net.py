@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from recon import limits
+from recon import limits, process
 from recon.names import shown
 
 FAILED = 3
@@ -58,10 +58,8 @@ def run(work: Callable[[About], int]) -> int:
     try:
         _refuse_too_little_memory()
         return work(about)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # SystemExit of foreign code as well
-        if isinstance(error, SystemExit) and about.what is None:  # --help
+        if _interrupted(error) or (isinstance(error, SystemExit) and about.what is None):  # or --help
             raise
         if (code := getattr(error, "exit_code", None)) is not None:
             say(f"error: {error}")
@@ -113,6 +111,13 @@ def reason(error: BaseException) -> str:
     return f"{type(error).__name__} ({text}), which was not foreseen; please report it with the log"
 
 
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an error is an interrupt, or what foreign code made of one."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 def _write_log(folder: Path | None) -> Path | None:
     """The present error's traceback in a file; None when it cannot be written."""
     when = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
@@ -126,7 +131,7 @@ def _write_log(folder: Path | None) -> Path | None:
             (folder / LOG).write_bytes(data)
             return folder / LOG
     with suppress(OSError):
-        handle, name = tempfile.mkstemp(prefix="recon-failed-", suffix=".log")
+        handle, name = tempfile.mkstemp(prefix="recon-failed-", suffix=".log", dir=process.lasting_folder())
         with os.fdopen(handle, "wb") as file:
             file.write(data)
         return Path(name)

@@ -133,6 +133,12 @@ def _temporary_files() -> Iterator[Path]:
         yield own
 
 
+def lasting_folder() -> Path:
+    """The folder for temporary files that stays when this process ends."""
+    own = Path(tempfile.gettempdir())
+    return own.parent if own.name.startswith(PREFIX) else own
+
+
 def _open_standard_streams() -> None:
     """Opens those that were closed from the start, lest a file gets their number and what libraries print."""
     for descriptor in range(3):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon import net
+from recon import net, process
 from recon.arguments import Parser
 from recon.evaluate import alignment, calibration, chair, gallery, robust, speed, table1, table1_rows, table2, table3
 from recon.evaluate.real_answers import INPUTS
@@ -253,4 +253,4 @@ def _add_rows(path: Path, rows: list[table1_rows.Table1Row]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(process.run(main))

@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from datasets.real import DataError, RealObject, objects
 from procmodels import names
-from recon import net
+from recon import net, process
 from recon.arguments import Parser, readable
 from recon.scene import InputError
 from recon.shade import view
@@ -126,4 +126,4 @@ def _command(argv: list[str] | None, about: net.About) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(process.run(main))

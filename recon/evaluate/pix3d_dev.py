@@ -22,7 +22,7 @@ import trimesh
 
 from datasets.pix3d import PIX3D_FROM_CANONICAL
 from procmodels import Model, load
-from recon import net
+from recon import net, process
 from recon.arguments import Parser, readable
 from recon.camera_search import FoundView, find
 from recon.evaluate.metrics import best_turn
@@ -166,4 +166,4 @@ def _command(argv: list[str] | None, about: net.About) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(process.run(main))

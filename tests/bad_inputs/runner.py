@@ -9,6 +9,7 @@ import re
 import resource
 import signal
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recon import process
 from tests.bad_inputs import cases as making
 from tests.bad_inputs.cases import Case
 
@@ -99,14 +101,15 @@ def _child(case: Case, folder: Path, said: Path) -> None:
         scratch = folder.with_suffix(".tmp")
         scratch.mkdir()
         scratch.chmod(0o777)
-        os.environ["TMPDIR"] = os.environ["HOME"] = str(scratch)
+        os.environ["TMPDIR"] = os.environ["HOME"] = tempfile.tempdir = str(scratch)
         resource.setrlimit(resource.RLIMIT_DATA, (2 * MOST_MEMORY, 2 * MOST_MEMORY))  # for the machine's sake
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         if case.name.endswith("unreadable") and os.getuid() == 0:  # the superuser reads everything
             os.setgid(NOBODY)
             os.setuid(NOBODY)
         sys.argv = [case.command, *case.words]
-        code = importlib.import_module(case.command).main(list(case.words))
+        main = importlib.import_module(case.command).main
+        code = process.run(lambda: main(list(case.words)))
     except SystemExit as error:
         code = error.code if isinstance(error.code, int) else 1
     except BaseException:
