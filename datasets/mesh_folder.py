@@ -72,7 +72,7 @@ def _objects(files: list[Path], root: Path, class_name: str) -> list[RealObject]
             source=str(file),
             mask=mask if (mask := file.with_suffix(".png")).is_file() else None,
             canonical_from_file=axes.turn(
-                file.resolve().relative_to(root).as_posix(),
+                (file.parent.resolve() / file.name).relative_to(root).as_posix(),
                 *(("z", "-y") if file.suffix.lower() == ".stl" else ("y", "-z")),
             ),
             read=partial(read_mesh, file),

@@ -42,7 +42,7 @@ def in_folder(folder: Path) -> list[RealObject]:
 
 
 def _synset_like(folder: Path) -> bool:
-    return re.fullmatch(r"\d{8}", folder.resolve().name) is not None and folder.is_dir()
+    return folder.is_dir() and re.fullmatch(r"\d{8}", folder.resolve().name) is not None
 
 
 def _synset(folder: Path) -> list[RealObject]:

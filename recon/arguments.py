@@ -53,7 +53,7 @@ def nameable(given: Path, option: str) -> None:
 def _not_there(given: Path, error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         link = f" is a link to {os.readlink(given)}, which" if given.is_symlink() else ""
-        return f"{given}{link} does not exist"
+        return f"{given}{link} does not exist: it is not a folder and not a file"
     return f"{given} cannot be opened ({getattr(error, 'strerror', None) or error})"
 
 

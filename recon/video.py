@@ -73,7 +73,7 @@ def is_container(path: Path) -> bool:
     boxes = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot")
     mp4 = start[4:8] in boxes and not start[8:12].startswith((b"hei", b"mif1", b"msf1", b"avi", b"hev"))
     other = start[:4] in (b"\x1aE\xdf\xa3", b"OggS", b"\0\0\x01\xba", b"0&\xb2u")  # MKV, Ogg, MPEG, WMV
-    stream = any(len(start) > p + 188 and start[p] == start[p + step] == 0x47 for p, step in ((0, 188), (4, 192)))
+    stream = any(len(start) > p + step and start[p] == start[p + step] == 0x47 for p, step in ((0, 188), (4, 192)))
     return mp4 or (start[:4] == b"RIFF" and start[8:12] == b"AVI ") or other or stream
 
 

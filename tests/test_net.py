@@ -1,5 +1,6 @@
 """Nothing that nobody foresaw reaches the user as a traceback: one line, exit code 3, and a log for repairs."""
 
+import json
 import logging
 import os
 import resource
@@ -7,9 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
-from recon import limits, net, shape_fit
+from recon import known_cameras, limits, net, shape_fit, user_files
+from recon.camera_photos import Library
 from recon.scene import InputError, ReconstructionError
 from run_recon import main
 
@@ -162,3 +166,52 @@ def test_results_need_a_name_that_a_folder_can_have(tmp_path, capsys, name):
     errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert len(errors) == 1
     assert name in errors[0]
+
+
+def test_films_and_huge_frames_are_no_videos_of_furniture(tmp_path, monkeypatch):
+    from recon import video
+
+    path = tmp_path / "v.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30, (160, 120))
+    for i in range(20):
+        writer.write(np.roll(np.random.default_rng(0).integers(0, 255, (120, 160, 3)).astype(np.uint8), 9 * i, 1))
+    writer.release()
+    for name, value, words in (
+        ("FRAME_PIXELS", 160 * 120 - 1, "frames of 160 x 120"),
+        ("VIDEO_FRAMES", 19, "frames or"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(limits, name, value)
+            with pytest.raises(InputError, match=words):
+                video.extract(path, tmp_path / "frames", video.VideoOptions(count=3))
+    assert video.extract(path, tmp_path / "frames", video.VideoOptions(count=3)) == ()
+
+
+def test_files_that_are_read_whole_have_a_size(tmp_path):
+    path = tmp_path / "pix3d.json"
+    with path.open("wb") as file:
+        file.truncate(limits.JSON + 1)
+    with pytest.raises(InputError, match=r"pix3d\.json is too large: 64 MB, at most 64 are read"):
+        user_files.read_json(path, "Pix3D's pix3d.json")
+    path.write_bytes(b"\xef\xbb\xbf[1]")
+    assert user_files.read_json(path, "a list") == [1]
+    path.write_bytes(b"[" * 100_000)
+    with pytest.raises(InputError, match="as a list .it is nested too deeply"):
+        user_files.read_json(path, "a list")
+    with pytest.raises(InputError, match="is not there, or is no file"):
+        user_files.read_json(tmp_path, "a list")
+
+
+@pytest.mark.parametrize(("key", "value"), [("transform_matrix", 1e300), ("fl_x", 1e-300), ("fl_x", 1e300)])
+def test_cameras_that_no_camera_can_be(tmp_path, key, value):
+    matrix = np.eye(4)
+    frame = {"file_path": "a.png", "fl_x": 100.0, "w": 90, "h": 80, "transform_matrix": matrix.tolist()}
+    if key == "transform_matrix":
+        matrix[0, 3] = value
+        frame[key] = matrix.tolist()
+    else:
+        frame[key] = value
+    (tmp_path / "transforms.json").write_text(json.dumps({"frames": [frame]}))
+    source = tmp_path / "transforms.json"
+    with pytest.raises(InputError, match=r"transforms\.json: the (camera|focal length) of a\.png"):
+        known_cameras.read(source, Library(tmp_path, source))

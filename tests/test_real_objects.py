@@ -306,4 +306,4 @@ def test_the_contact_sheet(tmp_path: Path, truth: trimesh.Trimesh, capsys: pytes
     assert axes.main([str(tmp_path / "mine")]) == 0
     assert "mine\tchair\ta\t" in capsys.readouterr().out
     assert axes.main([str(tmp_path / "none")]) == 2
-    assert "no such file" in capsys.readouterr().err
+    assert "does not exist" in capsys.readouterr().err

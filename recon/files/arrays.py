@@ -112,7 +112,7 @@ def _array(file: IO[bytes], name: str, path: Path) -> Array:
         version = np.lib.format.read_magic(file)
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, kind = header(file)
-    except (ValueError, OSError, EOFError, zlib.error, SyntaxError, TypeError) as error:
+    except Exception as error:  # numpy reads the header as Python, which fails in many ways
         raise InputError(f"{path} is a damaged numpy file ({error}); save it again") from error
     return Array(name, tuple(shape), kind, fortran)
 
