@@ -24,7 +24,6 @@ log = logging.getLogger("recon.cameras")
 
 MOST = 120  # photos; of more, evenly spread ones are used: the result gains nothing and every stage takes longer
 FARTHEST = 1e9  # units: earth-wide coordinates in metres are below 10^8
-FOCAL = (1e-2, 1e4)  # of the longer side: beyond fisheyes and telescopes
 SAME_PLACE = 1e-9  # of the largest coordinate: cameras no further apart stand in one place
 LEAST_POINTS = 100  # fewer do not carry a floor; matching the photos gives more
 
@@ -80,15 +79,9 @@ def camera_files(source: Path) -> list[Path]:
 def read(source: Path, library: Library) -> CameraRecords:
     """The cameras that `required` found. Raises InputError when they are damaged, or no camera could be like that."""
     records = camera_table.reader_of(source).read(source, library)
-    for name, size, K, pose in zip(records.names, records.sizes, records.K, records.cam_from_world, strict=True):
+    for name, pose in zip(records.names, records.cam_from_world, strict=True):
         if not np.abs(pose[:3, 3]).max() < FARTHEST:
             raise InputError(f"{source}: the camera of {name} stands {np.abs(pose[:3, 3]).max():.3g} units away")
-        focal = K[[0, 1], [0, 1]] / max(*size, 1)
-        if ((focal < FOCAL[0]) | (focal > FOCAL[1])).any():  # NaN where the file does not tell
-            raise InputError(
-                f"{source}: the focal length of {name}, {K[0, 0]:.3g} and {K[1, 1]:.3g} pixels in a picture of "
-                f"{size[0]} x {size[1]}, is no lens's"
-            )
     near = (np.abs(records.points) < FARTHEST).all(1)
     return replace(records, points=records.points[near], tracks=records.tracks[near])
 

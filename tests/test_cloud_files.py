@@ -347,6 +347,20 @@ def test_las_and_e57(tmp_path, points):
     np.testing.assert_allclose(read_cloud(tmp_path / "a.e57"), points + np.array((0, 0, 2)), atol=1e-5)
 
 
+@pytest.mark.parametrize("at", [96, 100])
+def test_a_las_header_that_claims_much(tmp_path, points, at):
+    """Where the points begin, and how many records lie before them: hundreds of millions take minutes to read."""
+    laspy = pytest.importorskip("laspy")
+    scan = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    scan.x, scan.y, scan.z = points.T
+    scan.write(str(tmp_path / "a.las"))
+    data = bytearray((tmp_path / "a.las").read_bytes())
+    data[at : at + 4] = (800_000_000).to_bytes(4, "little")
+    (tmp_path / "a.las").write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.las is a damaged LAS file, or cut short; save it again"):
+        recognise(tmp_path / "a.las")
+
+
 def test_scans_without_their_packages(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     path = tmp_path / "a.las"

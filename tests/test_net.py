@@ -196,22 +196,17 @@ def test_files_that_are_read_whole_have_a_size(tmp_path):
     path.write_bytes(b"\xef\xbb\xbf[1]")
     assert user_files.read_json(path, "a list") == [1]
     path.write_bytes(b"[" * 100_000)
-    with pytest.raises(InputError, match="as a list .it is nested too deeply"):
+    with pytest.raises(InputError, match=r"as a list .it is nested too deeply"):
         user_files.read_json(path, "a list")
     with pytest.raises(InputError, match="is not there, or is no file"):
         user_files.read_json(tmp_path, "a list")
 
 
-@pytest.mark.parametrize(("key", "value"), [("transform_matrix", 1e300), ("fl_x", 1e-300), ("fl_x", 1e300)])
-def test_cameras_that_no_camera_can_be(tmp_path, key, value):
+def test_cameras_a_world_away(tmp_path):
     matrix = np.eye(4)
+    matrix[0, 3] = 1e300
     frame = {"file_path": "a.png", "fl_x": 100.0, "w": 90, "h": 80, "transform_matrix": matrix.tolist()}
-    if key == "transform_matrix":
-        matrix[0, 3] = value
-        frame[key] = matrix.tolist()
-    else:
-        frame[key] = value
     (tmp_path / "transforms.json").write_text(json.dumps({"frames": [frame]}))
     source = tmp_path / "transforms.json"
-    with pytest.raises(InputError, match=r"transforms\.json: the (camera|focal length) of a\.png"):
+    with pytest.raises(InputError, match=r"transforms\.json: the camera of a\.png stands 1e\+300 units away"):
         known_cameras.read(source, Library(tmp_path, source))

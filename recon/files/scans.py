@@ -22,6 +22,9 @@ from recon.files.shape import Cloud, Kind, Recognised, cloud_of
 from recon.scene import InputError
 
 
+_LAS_RECORD = 54  # bytes of the shortest record before the points
+
+
 def is_las(head: Head) -> bool:
     return head.start[:4] == b"LASF"
 
@@ -31,10 +34,13 @@ def is_e57(head: Head) -> bool:
 
 
 def describe_las(path: Path) -> Recognised:
-    """From the header. Raises InputError without laspy."""
+    """From the header. Raises InputError without laspy, and for a header that claims more than the file has."""
     _required("laspy", path)
     with path.open("rb") as file:
         head = file.read(375)
+    first, records = int.from_bytes(head[96:100], "little"), int.from_bytes(head[100:104], "little")
+    if max(first, _LAS_RECORD * records) > path.stat().st_size:
+        raise InputError(f"{path} is a damaged LAS file, or cut short; save it again")
     old, new = int.from_bytes(head[107:111], "little"), int.from_bytes(head[247:255], "little")
     return Recognised(Kind.CLOUD, f"{cloud_of(new if head[25] >= 4 else old)} (LAS)")
 
