@@ -21,7 +21,6 @@ from recon.files.rows import kept
 from recon.files.shape import Cloud, Kind, Recognised, cloud_of
 from recon.scene import InputError
 
-
 _LAS_RECORD = 54  # bytes of the shortest record before the points
 
 
