@@ -9,11 +9,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps
 
 from recon import limits
 from recon.folders import entries, exists, is_file
-from recon.photo import FORMATS, UnreadablePhoto, opened, thinned
+from recon.photo import FORMATS, opened, thinned
 from recon.scene import Frames, InputError, Poses
 from recon.undistort import undistorted_mask
 
@@ -183,7 +183,9 @@ def read_mask(file: Path, size: tuple[int, int]) -> np.ndarray:
     """
     try:
         grey = _grey_of(file)
-    except (UnreadablePhoto, OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # decoders fail in many ways on damaged files
         raise BadMask(f"{file.name}: cannot be read as a picture ({error}). {EXPECTED}") from error
     (height, width), (w, h) = grey.shape, size
     # One pixel of rounding on the shorter side is allowed besides 1 %.

@@ -210,3 +210,10 @@ def test_cameras_a_world_away(tmp_path):
     source = tmp_path / "transforms.json"
     with pytest.raises(InputError, match=r"transforms\.json: the camera of a\.png stands 1e\+300 units away"):
         known_cameras.read(source, Library(tmp_path, source))
+
+
+@pytest.mark.parametrize("data", [b"PK\5\6" + bytes(18), b"\x93NUMPY\1\0v\0{'descr': '<f8', 'shape': (3,".ljust(200)])
+def test_what_is_called_npy_and_is_none(tmp_path, capsys, data):
+    (tmp_path / "a.npy").write_bytes(data)
+    assert main([str(tmp_path / "a.npy"), "--out", str(tmp_path / "out")]) == 2
+    assert "a.npy is " in capsys.readouterr().err

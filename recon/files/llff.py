@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from recon.camera_records import CameraRecords, from_rows, rigid
+from recon.files.arrays import arrays_in
 from recon.lenses import lens
 from recon.scene import InputError
 
@@ -20,11 +21,12 @@ def matches(path: Path) -> bool:
     if path.suffix.lower() != ".npy" or not path.is_file():
         return False
     try:
-        shape = np.load(path, mmap_mode="r", allow_pickle=False).shape  # the header alone is read
-        if len(shape) != 2 or shape[1] != 17 or not 0 < shape[0] < 100_000:
+        array, *others = arrays_in(path)  # the headers alone are read
+        shape = array.shape
+        if others or array.name or len(shape) != 2 or shape[1] != 17 or not 0 < shape[0] < 100_000:
             return False
         axes = _rows(path)[:, :, :3]
-    except (OSError, ValueError, EOFError):
+    except (InputError, OSError, ValueError, TypeError, EOFError):
         return False
     return bool(np.allclose(axes @ axes.transpose(0, 2, 1), np.eye(3), atol=2e-2))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import encodings.aliases
 import hashlib
 import importlib
 import os
@@ -13,6 +14,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,7 +47,9 @@ class Outcome:
 
 def load_everything(whole: bool) -> None:
     """What a command loads, before anything is forked. Without `whole` the searches for the shape are left out."""
-    import encodings.utf_16_le  # noqa: F401  (all that a child without rights cannot load itself)
+    for name in encodings.aliases.aliases.values():  # a child without rights cannot load them itself
+        with suppress(ImportError):  # of other systems
+            importlib.import_module(f"encodings.{name}")
 
     import bpy  # noqa: F401
 
