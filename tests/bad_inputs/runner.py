@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import encodings.aliases
+import encodings
 import hashlib
 import importlib
 import os
+import pkgutil
 import re
 import resource
 import signal
@@ -47,9 +48,9 @@ class Outcome:
 
 def load_everything(whole: bool) -> None:
     """What a command loads, before anything is forked. Without `whole` the searches for the shape are left out."""
-    for name in encodings.aliases.aliases.values():  # a child without rights cannot load them itself
+    for found in pkgutil.iter_modules(encodings.__path__):  # a child without rights cannot load them itself
         with suppress(ImportError):  # of other systems
-            importlib.import_module(f"encodings.{name}")
+            importlib.import_module(f"encodings.{found.name}")
 
     import bpy  # noqa: F401
 
