@@ -53,7 +53,7 @@ class FinishOptions:
     batch: int = 16
     decode_rate: float = 2e-3  # peak of the one-cycle schedule
     encode_rate: float = 1e-3
-    on_grid_share: float = 0.6
+    on_grid_share: float = 0.4
     save_every: int = 300
     seed: int = 1
 
