@@ -93,7 +93,7 @@ def learning_rate(step: int, options: TrainOptions) -> float:
 
 
 class Trainer:
-    """The state of a run: network, optimiser, step, seconds spent."""
+    """The state of a run: network, optimiser, step, seconds of processor time spent."""
 
     def __init__(self, class_name: str, work: Path, options: TrainOptions) -> None:
         torch.manual_seed(options.seed)
@@ -195,10 +195,10 @@ def train(class_name: str, data: Path, work: Path, options: TrainOptions) -> Tra
         log.info("resuming at step %d", trainer.step)
     log.info("%d weights, %d steps", parameter_count(trainer.network), options.steps)
     while trainer.step < options.steps:
-        started = time.monotonic()
+        started = time.process_time()
         cells, vectors = mixed_batch(stores, trainer.step, options)
         terms = trainer.advance(cells, vectors)
-        trainer.seconds += time.monotonic() - started
+        trainer.seconds += time.process_time() - started
         if trainer.step % 50 == 0:
             text = " ".join(f"{k} {v:.3g}" for k, v in terms.items())
             log.info("step %d  %.1f min  %s", trainer.step, trainer.seconds / 60, text)
