@@ -48,7 +48,7 @@ Step = Callable[[Tensor, Tensor, Tensor, bool], float | None]
 class FinishOptions:
     """How the halves go on; each card says what made its weights."""
 
-    decode_steps: int = 30000
+    decode_steps: int = 20000
     encode_steps: int = 6000
     batch: int = 16
     decode_rate: float = 2e-3  # peak of the one-cycle schedule
