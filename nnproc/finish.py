@@ -1,12 +1,11 @@
-"""Finish a trained network: each half goes on against the frozen other half, side by side on two cores.
+"""Finish a trained network: the forward half learns on, then the inverse half learns to follow it.
 
     python -m nnproc.finish chair
 
-In joint training the voxel term drowns the parameter term: SD is good long before PD, and SE serves both. Once PE has
-settled the latent space, the halves no longer need each other:
-  decode  SD learns on, from PE's codes and SE's samples (PE and SE frozen)
+In joint training the voxel term drowns the parameter term, and SE costs most of a step. Hence, after it:
+  decode  PE and SD learn on, from PE's codes, half of a batch with noise as wide as SE's: what Task 1 measures
   encode  SE and PD learn on: SE towards PE's codes, PD from SE's samples and PE's codes (PE and SD frozen)
-Each half is one process with one thread that writes its own file; an interrupted half goes on from its last save.
+Each half writes its own file; an interrupted half goes on from its last save. Then both go into the weights.
 """
 
 from __future__ import annotations
@@ -17,83 +16,144 @@ import json
 import logging
 import sys
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import Tensor
 
-from datasets.synthetic import read
-from nnproc import child
+from datasets.synthetic import Pairs, read
 from nnproc.infer import WEIGHTS, load_network, save_network
 from nnproc.losses import LossWeights, kl_divergence, similarity_loss
 from nnproc.muon import Muon
-from nnproc.network import NNProc, occupancy_loss
-from nnproc.train import CellStore, TrainOptions, learning_rate, mixed_batch, optimiser_state, score
+from nnproc.network import NNProc, occupancy_loss, occupancy_slope
+from nnproc.train import CellStore, Store, TrainOptions, learning_rate, mixed_batch, optimiser_state, score
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.finish")
 SIGMA = 3.0  # weight of the squared change of log sigma^2
-HALVES = {"decode": ("shape_decoder",), "encode": ("shape_encoder", "param_decoder")}
+HALVES = {"decode": ("param_encoder", "shape_decoder"), "encode": ("shape_encoder", "param_decoder")}
+SAMPLES = 200  # of each set, for the width of SE's samples
+LOG_EVERY = 500  # steps
+
+# A batch's loss; its gradients are left in the parameters. The value is None where computing it would cost time.
+Step = Callable[[Tensor, Tensor, Tensor, bool], float | None]
 
 
 @dataclass(frozen=True)
 class FinishOptions:
     """How the halves go on; each card says what made its weights."""
 
-    decode_steps: int = 2500
-    encode_steps: int = 3000
+    decode_steps: int = 20000
+    encode_steps: int = 6000
     batch: int = 16
-    decode_rate: float = 1e-3  # peak of the one-cycle schedule
+    decode_rate: float = 2e-3  # peak of the one-cycle schedule
     encode_rate: float = 1e-3
-    on_grid_share: float = 0.6
+    on_grid_share: float = 0.4
     save_every: int = 300
     seed: int = 1
 
 
-def half_loss(network: NNProc, before: nn.Module, half: str, cells: Tensor, vectors: Tensor, noise: Tensor) -> Tensor:
-    """What one half minimises on a batch. `before` is SE as it was.
+class GridStore:
+    """Training pairs in memory, grids as packed bits as they lie in the file."""
 
-    Without SD nothing but the KL term would speak for sigma, and it would grow until samples mean nothing: the encoding
-    half keeps the sigma that the joint training balanced.
+    def __init__(self, pairs: Pairs) -> None:
+        self.vectors, self.bits = torch.from_numpy(pairs.vectors), pairs.bits
+
+    def __len__(self) -> int:
+        return len(self.vectors)
+
+    def batch(self, index: np.ndarray) -> tuple[Tensor, Tensor]:
+        """Grids (B, 64, 64, 64) bfloat16 and vectors (B, width)."""
+        flat = torch.from_numpy(np.unpackbits(self.bits[index], axis=1)).to(torch.bfloat16)
+        return flat.reshape(-1, 64, 64, 64), self.vectors[index]
+
+
+def decode_step(network: NNProc, sigma: Tensor) -> Step:
+    """PE and SD on grids (B, 64, 64, 64); `sigma` (latent,) is the width of SE's samples.
+
+    The codes carry the KL and similarity terms that SE's means do, so that the latent keeps its size and meaning.
     """
     weights = LossWeights()
-    z_params = network.encode_params(vectors)
-    with torch.set_grad_enabled(half == "encode"):
-        mean, logvar = network.encode_cells(cells)
-        z_shape = mean + noise * (0.5 * logvar).exp()
-    if half == "decode":
-        z = torch.cat([z_params[: len(z_params) // 2], z_shape[len(z_params) // 2 :]])
-        return occupancy_loss(network.decode_cells(z), cells).mean()
-    with torch.no_grad():
-        logvar_before = before(cells).float().chunk(2, 1)[1].clamp(-12, 6)
-    param = sum(network.codec.loss(network.score_params(z), vectors).mean() for z in (mean, z_shape, z_params))
-    return (
-        weights.param * param
-        + weights.latent * (mean - z_params).square().sum(1).mean()
-        + weights.kl * kl_divergence(mean, logvar).mean()
-        + SIGMA * (logvar - logvar_before).square().sum(1).mean()
-        + weights.sim * similarity_loss(mean, vectors)
-    )
+
+    def step(grids: Tensor, vectors: Tensor, noise: Tensor, logged: bool) -> float | None:
+        half = len(grids) // 2
+        with torch.autocast("cpu", torch.bfloat16):
+            z = network.encode_params(vectors)
+            logits = network.decode_grid(torch.cat([z[:half], z[half:] + sigma * noise[half:]]))
+        terms = weights.kl * kl_divergence(z, torch.zeros_like(z)).mean() + weights.sim * similarity_loss(z, vectors)
+        slope = occupancy_slope(logits.detach(), grids).div_(len(grids))
+        torch.autograd.backward([logits, terms], [slope, torch.ones_like(terms)])
+        return float(occupancy_loss(logits.detach(), grids).mean()) if logged else None
+
+    return step
 
 
-def finish_half(class_name: str, half: str, data: Path, work: Path, options: FinishOptions) -> None:
+def encode_step(network: NNProc) -> Step:
+    """SE and PD on cells, PE and SD frozen.
+
+    Without SD nothing but the KL term would speak for sigma, and it would grow until samples mean nothing: sigma stays
+    as the joint training balanced it.
+    """
+    weights, before = LossWeights(), copy.deepcopy(network.shape_encoder)
+
+    def step(cells: Tensor, vectors: Tensor, noise: Tensor, logged: bool) -> float | None:
+        with torch.autocast("cpu", torch.bfloat16):
+            z_params = network.encode_params(vectors)
+            mean, logvar = network.encode_cells(cells)
+            z_shape = mean + noise * (0.5 * logvar).exp()
+            with torch.no_grad():
+                logvar_before = before(cells).float().chunk(2, 1)[1].clamp(-12, 6)
+            param = sum(network.codec.loss(network.score_params(z), vectors).mean() for z in (mean, z_shape, z_params))
+        loss = (
+            weights.param * param
+            + weights.latent * (mean - z_params).square().sum(1).mean()
+            + weights.kl * kl_divergence(mean, logvar).mean()
+            + SIGMA * (logvar - logvar_before).square().sum(1).mean()
+            + weights.sim * similarity_loss(mean, vectors)
+        )
+        loss.backward()
+        return float(loss.detach()) if logged else None
+
+    return step
+
+
+@torch.inference_mode()
+def sample_width(network: NNProc, grids: Tensor) -> Tensor:
+    """(latent,) root mean square of SE's sigma over some grids."""
+    with torch.autocast("cpu", torch.bfloat16):
+        _, logvar = network.encode_grid(grids)
+    return logvar.exp().mean(0).sqrt()
+
+
+def _decode_half(network: NNProc, pairs: list[Pairs]) -> tuple[Sequence[Store], Step]:
+    stores = [GridStore(p) for p in pairs]
+    some = torch.cat([s.batch(np.arange(min(SAMPLES, len(s))))[0] for s in stores])
+    return stores, decode_step(network, sample_width(network, some).clone())  # a copy that gradients may meet
+
+
+def _encode_half(network: NNProc, pairs: list[Pairs], work: Path) -> tuple[Sequence[Store], Step]:
+    if (decoded := work / "decode.safetensors").is_file():
+        network.load_state_dict(_half(decoded), strict=False)
+    return [CellStore(p) for p in pairs], encode_step(network)
+
+
+def finish_half(class_name: str, half: str, data: Path, work: Path, options: FinishOptions, weights: Path) -> None:
     """Train one half and write it, with the seconds of processor time it took, to `work`/HALF.safetensors."""
-    torch.set_num_threads(1)
-    network = load_network(load(class_name).space)
-    before = copy.deepcopy(network.shape_encoder)
-    stores = [CellStore(read(data, which, network.space.hash)) for which in ("train_on", "train_off")]
+    network = load_network(load(class_name).space, weights)
+    pairs = [read(data, which, network.space.hash) for which in ("train_on", "train_off")]
+    stores, take = _decode_half(network, pairs) if half == "decode" else _encode_half(network, pairs, work)
     trained = {n: p for n, p in network.named_parameters() if n.split(".")[0] in HALVES[half]}
     for parameter in trained.values():
         parameter.requires_grad_(True)
-    steps = options.decode_steps if half == "decode" else options.encode_steps
-    rate = options.decode_rate if half == "decode" else options.encode_rate
     schedule = TrainOptions(
-        steps=steps,
+        steps=getattr(options, f"{half}_steps"),
         batch=options.batch,
-        learning_rate=rate,
+        learning_rate=getattr(options, f"{half}_rate"),
         on_grid_share=options.on_grid_share,
         seed=options.seed,
     )
@@ -101,21 +161,19 @@ def finish_half(class_name: str, half: str, data: Path, work: Path, options: Fin
     path = work / f"{half}.safetensors"
     step, spent = _resume(path, trained, optimiser, asdict(options))
     started = time.process_time()
-    while step < steps:
+    while step < schedule.steps:
         for group in optimiser.param_groups:
             group["lr"] = learning_rate(step, schedule)
-        cells, vectors = mixed_batch(stores, step, schedule)
+        shapes, vectors = mixed_batch(stores, step, schedule)
         generator = torch.Generator().manual_seed(options.seed * 1_000_003 + step)
-        noise = torch.randn(len(cells), network.config.latent, generator=generator)
-        with torch.autocast("cpu", torch.bfloat16):
-            loss = half_loss(network, before, half, cells, vectors, noise)
+        noise = torch.randn(len(shapes), network.config.latent, generator=generator)
         optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        loss = take(shapes, vectors, noise, (step + 1) % LOG_EVERY == 0)
         optimiser.step()
         step += 1
-        if step % 100 == 0:
-            log.info("%s step %d of %d: %.4g", half, step, steps, float(loss.detach()))
-        if step % options.save_every == 0 or step == steps:
+        if loss is not None:
+            log.info("%s step %d of %d: %.4g", half, step, schedule.steps, loss)
+        if step % options.save_every == 0 or step == schedule.steps:
             _save(path, trained, optimiser, step, spent + time.process_time() - started, asdict(options))
 
 
@@ -154,16 +212,20 @@ def _resume(
     return int(metadata["step"]), float(metadata["seconds"])
 
 
-def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> None:
-    """Put both halves into the shipped weights and bring the card up to date. Merging again changes nothing."""
-    network = load_network(load(class_name).space)
-    state, minutes = network.state_dict(), {}
+def _half(path: Path) -> dict[str, Tensor]:
+    """The weights that a half trained."""
+    with safe_open(path, framework="pt") as file:
+        return {k[4:]: file.get_tensor(k) for k in file.keys() if k.startswith("net.")}  # noqa: SIM118 (not a dict)
+
+
+def merge(class_name: str, data: Path, work: Path, options: FinishOptions, path: Path) -> None:
+    """Put both halves into the weights at `path` and bring their card up to date. Merging again changes nothing."""
+    network = load_network(load(class_name).space, path)
+    minutes = {}
     for half in [h for h in HALVES if (work / f"{h}.safetensors").is_file()]:
+        network.load_state_dict(_half(work / f"{half}.safetensors"), strict=False)
         with safe_open(work / f"{half}.safetensors", framework="pt") as file:
-            state |= {k[4:]: file.get_tensor(k) for k in file.keys() if k.startswith("net.")}  # noqa: SIM118 (not a dict)
             minutes[half] = round(float(file.metadata()["seconds"]) / 60, 1)
-    network.load_state_dict(state)
-    path = WEIGHTS / f"{class_name}.safetensors"
     card = json.loads(path.with_suffix(".json").read_text())
     command = f"python -m nnproc.finish {class_name} --seed {options.seed} --on-grid-share {options.on_grid_share}"
     command += f" --decode-steps {options.decode_steps} --encode-steps {options.encode_steps}"
@@ -175,8 +237,7 @@ def merge(class_name: str, data: Path, work: Path, options: FinishOptions) -> No
         return
     card |= {
         "finish": [*card.get("finish", []), entry],
-        # Side by side on two cores, a finish takes as long as its slower half.
-        "minutes": round(card["minutes"] + max(minutes.values()), 1),
+        "minutes": round(card["minutes"] + sum(minutes.values()), 1),
         "held_out": {w: score(network, read(data, w, network.space.hash)) for w in ("test_on", "test_off")},
     }
     save_network(path, network)
@@ -189,6 +250,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("class_name", metavar="class")
     parser.add_argument("--data", type=Path, help="generated pairs (default .cache/data/CLASS)")
     parser.add_argument("--work", type=Path, help="checkpoints (default .cache/finish/CLASS_SEED)")
+    parser.add_argument("--weights", type=Path, help="what goes on (default nnproc/weights/CLASS.safetensors)")
     parser.add_argument("--seed", type=int, default=1, help="another seed for another round")
     parser.add_argument("--on-grid-share", type=float, default=FinishOptions.on_grid_share)
     parser.add_argument("--decode-steps", type=int, default=FinishOptions.decode_steps)
@@ -204,18 +266,12 @@ def main(argv: list[str] | None = None) -> int:
         decode_steps=args.decode_steps,
         encode_steps=args.encode_steps,
     )
+    weights = args.weights or WEIGHTS / f"{args.class_name}.safetensors"
     try:
-        if args.half in HALVES:
-            finish_half(args.class_name, args.half, data, work, options)
-            return 0
-        if args.half is None:
-            own = [args.class_name, "--data", str(data.resolve()), "--work", str(work.resolve())]
-            for flag in ("seed", "on_grid_share", "decode_steps", "encode_steps"):
-                own += [f"--{flag.replace('_', '-')}", str(getattr(options, flag))]
-            halves = [child.start("nnproc.finish", *own, "--half", half) for half in HALVES]
-            if any([p.wait() for p in halves]):
-                raise ValueError("a half failed; its message stands above")
-        merge(args.class_name, data, work, options)
+        for half in [args.half] if args.half in HALVES else HALVES if args.half is None else ():
+            finish_half(args.class_name, half, data, work, options, weights)
+        if args.half not in HALVES:
+            merge(args.class_name, data, work, options, weights)
     except (ModelError, ValueError, OSError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

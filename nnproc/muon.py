@@ -17,16 +17,39 @@ _A, _B, _C = 3.4445, -4.7750, 2.0315
 _ITERATIONS = 5
 
 
+# From this ratio of its sides on, a matrix is orthogonalised through the Gram matrix of its short side.
+_LONG = 3
+
+
 def orthogonalised(matrix: Tensor) -> Tensor:
-    """(m, n) with the same singular vectors and singular values of about 1 (0.7 to 1.2), in bfloat16."""
-    x = matrix.bfloat16()
-    if tall := x.shape[0] > x.shape[1]:
-        x = x.T
+    """(m, n) with the same singular vectors and singular values of about 1 (0.7 to 1.2)."""
+    tall = matrix.shape[0] > matrix.shape[1]
+    x = matrix.T if tall else matrix
+    x = _of_long(x.float()) if x.shape[1] >= _LONG * x.shape[0] else _of_square(x.bfloat16())
+    return x.T if tall else x
+
+
+def _of_square(x: Tensor) -> Tensor:
     x = x / (x.norm() + 1e-7)
     for _ in range(_ITERATIONS):
         gram = x @ x.T
         x = _A * x + (_B * gram + _C * gram @ gram) @ x
-    return x.T if tall else x
+    return x
+
+
+def _of_long(x: Tensor) -> Tensor:
+    """The same iterations on x (m, n), collected in one (m, m) factor: 128 x 12288 takes 6 ms instead of 38.
+
+    Every iteration multiplies x by a polynomial of x x^T, so that x need only be touched twice. In float32: a Gram
+    matrix squares the singular values, and rounded ones of a matrix of low rank turn negative and grow.
+    """
+    x = x / (x.norm() + 1e-7)
+    gram, product = x @ x.T, torch.eye(len(x), device=x.device)
+    for _ in range(_ITERATIONS):
+        factor = _B * gram + _C * gram @ gram
+        factor.diagonal().add_(_A)
+        product, gram = factor @ product, factor @ gram @ factor
+    return product @ x
 
 
 class Muon(torch.optim.Optimizer):

@@ -2,14 +2,16 @@
 
 SE, SD  shape encoder and decoder, 64^3 surface grids    PE, PD  parameter encoder and decoder, vectors of a Codec
 
-Two layer lists:
-  "patch"  ours: a grid is handled as 16^3 cells of 4^3 voxels, so that no convolution runs above 16^3 (a quarter of the
-           cost of transposed convolutions on a CPU, with several times the capacity)
-  "paper"  strided convolutions 8-16-24-32-40, mirrored by transposed ones
+Three layer lists:
+  "patch"    a grid is handled as 16^3 cells of 4^3 voxels, so that no convolution runs above 16^3 (a quarter of the
+             cost of transposed convolutions on a CPU, with several times the capacity)
+  "product"  the same encoder; the decoder is a sum of products of 1-D profiles, which boxes are (docs/decoders.md)
+  "paper"    strided convolutions 8-16-24-32-40, mirrored by transposed ones
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -27,9 +29,10 @@ GRID = RESOLUTION // CELL
 class NetworkConfig:
     """What rebuilds a network, beside the parameter space."""
 
-    layers: str = "patch"  # "patch" or "paper"
+    layers: str = "patch"  # "patch", "product" or "paper"
     latent: int = 128
     hidden: int = 256  # width of the parameter MLPs
+    octaves: int = 0  # of sines and cosines of the scalars that PE sees beside their values
 
 
 def cells_from_grid(grid: Tensor) -> Tensor:
@@ -55,7 +58,7 @@ class NNProc(nn.Module):
         encoder, decoder = _SHAPE_NETS[config.layers]
         self.shape_encoder, self.shape_decoder = encoder(2 * config.latent), decoder(config.latent)
         h, latent, width = config.hidden, config.latent, self.codec.width
-        self.param_encoder = _mlp(width, h, h, latent)
+        self.param_encoder = _mlp(width + 2 * config.octaves * len(self.codec.scalars), h, h, latent)
         self.param_decoder = _mlp(latent, h, h, width)
 
     def encode_cells(self, cells: Tensor) -> tuple[Tensor, Tensor]:
@@ -73,11 +76,15 @@ class NNProc(nn.Module):
 
     def decode_grid(self, z: Tensor) -> Tensor:
         """SD: (B, 64, 64, 64) occupancy logits."""
+        if isinstance(self.shape_decoder, ProductDecoder):
+            return self.shape_decoder.grid(z)
         return grid_from_cells(self.decode_cells(z))
 
     def encode_params(self, vectors: Tensor) -> Tensor:
         """PE: (B, width) parameter vectors to (B, latent)."""
-        return self.param_encoder(vectors * 2 - 1).float()
+        angles = math.pi * vectors[:, self.codec.scalars]
+        waves = [f(2**k * angles) for k in range(1, self.config.octaves + 1) for f in (torch.sin, torch.cos)]
+        return self.param_encoder(torch.cat([vectors * 2 - 1, *waves], 1)).float()
 
     def score_params(self, z: Tensor) -> Tensor:
         """PD without its activation: (B, width) raw scores."""
@@ -136,6 +143,41 @@ class PatchDecoder(nn.Module):
         return self.at16(x)
 
 
+class ProductDecoder(nn.Module):
+    """Latent (B, latent) to logits: the sum over TERMS of tanh X(x) tanh Y(y) Z(z), each profile 64 numbers.
+
+    An axis-aligned box is one such product of three intervals, and what a parameter moves is the end of an interval.
+    The narrow layer before the profiles keeps the file small: they are 12,288 numbers.
+    """
+
+    TERMS, WIDE, NARROW = 64, 384, 128
+    EMPTY = -4.0  # logit to start from, since few voxels are occupied
+
+    def __init__(self, latent: int) -> None:
+        super().__init__()
+        self.trunk = nn.Sequential(
+            *(nn.Linear(latent, self.WIDE), nn.ReLU()),
+            *(nn.Linear(self.WIDE, self.WIDE), nn.ReLU()),
+            *(nn.Linear(self.WIDE, self.NARROW), nn.ReLU()),
+            nn.LayerNorm(self.NARROW, elementwise_affine=False),  # keeps tanh from going flat
+        )
+        self.profiles = nn.Linear(self.NARROW, 3 * self.TERMS * RESOLUTION)
+        with torch.no_grad():
+            start = self.profiles.bias.view(3, self.TERMS, RESOLUTION)
+            start.normal_(std=0.3)  # products of zeros have no gradient
+            start[:2, 0], start[2, 0] = 2.0, self.EMPTY  # the first term stands for the whole cube
+
+    def grid(self, z: Tensor) -> Tensor:
+        """(B, 64, 64, 64) logits."""
+        profiles = self.profiles(self.trunk(z)).reshape(-1, 3, self.TERMS, RESOLUTION)
+        x, y = (torch.tanh(profiles[:, i]).transpose(1, 2).contiguous() for i in (0, 1))  # twice as fast as views
+        planes = (x[:, :, None] * y[:, None]).flatten(1, 2)  # (B, 64^2, terms)
+        return (planes @ profiles[:, 2].contiguous()).reshape(-1, RESOLUTION, RESOLUTION, RESOLUTION)
+
+    def forward(self, z: Tensor) -> Tensor:
+        return cells_from_grid(self.grid(z))
+
+
 def _shuffle(x: Tensor) -> Tensor:
     """(B, 8 C, n, n, n) to (B, C, 2n, 2n, 2n), memory kept channels last."""
     b, c, n = x.shape[0], x.shape[1] // 8, x.shape[2]
@@ -179,7 +221,11 @@ class PaperDecoder(nn.Module):
         return cells_from_grid(self.convs(x)[:, 0])
 
 
-_SHAPE_NETS = {"patch": (PatchEncoder, PatchDecoder), "paper": (PaperEncoder, PaperDecoder)}
+_SHAPE_NETS = {
+    "patch": (PatchEncoder, PatchDecoder),
+    "product": (PatchEncoder, ProductDecoder),
+    "paper": (PaperEncoder, PaperDecoder),
+}
 
 
 def parameter_count(network: nn.Module) -> int:
@@ -190,6 +236,11 @@ def parameter_count(network: nn.Module) -> int:
 def occupancy_loss(logits: Tensor, target: Tensor) -> Tensor:
     """(B,) summed cross-entropy of logits against a target of the same shape with entries 0 or 1."""
     return _CrossEntropy.apply(logits, target)
+
+
+def occupancy_slope(logits: Tensor, target: Tensor) -> Tensor:
+    """The gradient of occupancy_loss by the logits: most of what a step needs, at a tenth of the loss's own time."""
+    return torch.sigmoid(logits).sub_(target)
 
 
 class _CrossEntropy(torch.autograd.Function):

@@ -16,10 +16,11 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import date
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -35,6 +36,7 @@ from nnproc.network import NetworkConfig, NNProc, cells_from_grid, parameter_cou
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.train")
+OCTAVES = 4  # what the command takes by default; see docs/decoders.md
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,13 @@ class TrainOptions:
     seed: int = 0
     weights: LossWeights = field(default_factory=LossWeights)
     network: NetworkConfig = field(default_factory=NetworkConfig)
+
+
+class Store(Protocol):
+    """Training pairs that give batches of shapes and vectors."""
+
+    def __len__(self) -> int: ...
+    def batch(self, index: np.ndarray) -> tuple[Tensor, Tensor]: ...
 
 
 class CellStore:
@@ -84,7 +93,7 @@ def learning_rate(step: int, options: TrainOptions) -> float:
 
 
 class Trainer:
-    """The state of a run: network, optimiser, step, seconds spent."""
+    """The state of a run: network, optimiser, step, seconds of processor time spent."""
 
     def __init__(self, class_name: str, work: Path, options: TrainOptions) -> None:
         torch.manual_seed(options.seed)
@@ -166,7 +175,7 @@ def _pick(step: int, total: int, count: int, options: TrainOptions, code: int) -
     return np.array([order[e][p % total] for e, p in zip(epochs, place, strict=True)])
 
 
-def mixed_batch(stores: list[CellStore], step: int, options: TrainOptions) -> tuple[Tensor, Tensor]:
+def mixed_batch(stores: Sequence[Store], step: int, options: TrainOptions) -> tuple[Tensor, Tensor]:
     """The batch of a step: on-grid and off-grid shapes, shuffled since parts of a batch are treated differently."""
     on_grid = round(options.batch * options.on_grid_share)
     counts = (on_grid, options.batch - on_grid)
@@ -186,10 +195,10 @@ def train(class_name: str, data: Path, work: Path, options: TrainOptions) -> Tra
         log.info("resuming at step %d", trainer.step)
     log.info("%d weights, %d steps", parameter_count(trainer.network), options.steps)
     while trainer.step < options.steps:
-        started = time.monotonic()
+        started = time.process_time()
         cells, vectors = mixed_batch(stores, trainer.step, options)
         terms = trainer.advance(cells, vectors)
-        trainer.seconds += time.monotonic() - started
+        trainer.seconds += time.process_time() - started
         if trainer.step % 50 == 0:
             text = " ".join(f"{k} {v:.3g}" for k, v in terms.items())
             log.info("step %d  %.1f min  %s", trainer.step, trainer.seconds / 60, text)
@@ -241,7 +250,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, default=TrainOptions.steps)
     parser.add_argument("--batch", type=int, default=TrainOptions.batch)
     parser.add_argument("--seed", type=int, default=TrainOptions.seed)
-    parser.add_argument("--layers", choices=("patch", "paper"), default="patch")
+    parser.add_argument("--layers", choices=("patch", "product", "paper"), default="product")
+    parser.add_argument("--octaves", type=int, default=OCTAVES, help="of sines of the scalars that PE sees")
     parser.add_argument("--variant", choices=tuple(VARIANTS), default="full", help="an ablation of the paper")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
@@ -249,7 +259,7 @@ def main(argv: list[str] | None = None) -> int:
         steps=args.steps,
         batch=args.batch,
         seed=args.seed,
-        network=NetworkConfig(layers=args.layers),
+        network=NetworkConfig(layers=args.layers, octaves=args.octaves),
         weights=VARIANTS[args.variant],
     )
     data = args.data or Path(".cache/data") / args.class_name
@@ -260,6 +270,7 @@ def main(argv: list[str] | None = None) -> int:
         command = (
             f"python -m nnproc.train {args.class_name} --steps {args.steps} --batch {args.batch} --seed {args.seed}"
         )
+        command += f" --layers {args.layers} --octaves {args.octaves}"
         write_card(trainer, data, out.with_suffix(".json"), command)
     except (ModelError, ValueError) as error:
         sys.stderr.write(f"error: {error}\n")

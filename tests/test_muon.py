@@ -24,6 +24,23 @@ def test_singular_vectors_are_kept():
     assert (core - torch.diag(core.diagonal())).abs().max() < 0.05
 
 
+@pytest.mark.parametrize("shape", [(256, 32), (32, 2000), (64, 64)])
+def test_a_matrix_of_low_rank_does_not_grow(shape):
+    """A batch of four gives gradients of rank four."""
+    generator = torch.Generator().manual_seed(6)
+    matrix = torch.randn(shape[0], 4, generator=generator) @ torch.randn(4, shape[1], generator=generator)
+    values = torch.linalg.svdvals(orthogonalised(matrix).float())
+    assert values[0] < 1.3
+    assert values[3] > 0.6
+
+
+def test_long_matrices_are_treated_as_square_ones_are():
+    """Padded to a square with zeros, a long matrix takes the other path and must come out the same."""
+    long = torch.randn(8, 64, generator=torch.Generator().manual_seed(5))
+    square = torch.cat([long, torch.zeros(56, 64)])
+    assert torch.allclose(orthogonalised(long).float(), orthogonalised(square)[:8].float(), atol=0.02)
+
+
 def _problem():
     generator = torch.Generator().manual_seed(4)
     x = torch.randn(200, 6, generator=generator)

@@ -7,7 +7,15 @@ import torch
 from nnproc.codec import Codec
 from nnproc.infer import WeightsError, load_network, params_from_grids, save_network
 from nnproc.losses import PAPER, LossWeights, kl_divergence, losses, similarity_loss
-from nnproc.network import NetworkConfig, NNProc, cells_from_grid, grid_from_cells, occupancy_loss
+from nnproc.network import (
+    NetworkConfig,
+    NNProc,
+    ProductDecoder,
+    cells_from_grid,
+    grid_from_cells,
+    occupancy_loss,
+    occupancy_slope,
+)
 from procmodels.space import Choice, Flag, Integer, ParamSpace, Scalar
 
 SPACE = ParamSpace(
@@ -30,6 +38,37 @@ def test_occupancy_loss_is_cross_entropy():
     expected = torch.nn.functional.binary_cross_entropy_with_logits(logits, target, reduction="none").sum(1)
     assert torch.allclose(occupancy_loss(logits, target), expected)
     assert torch.autograd.gradcheck(lambda x: occupancy_loss(x, target), logits)
+
+
+def test_occupancy_slope_is_the_gradient_of_the_loss():
+    logits = torch.randn(3, 10, requires_grad=True)
+    target = (torch.rand(3, 10) < 0.5).float()
+    occupancy_loss(logits, target).sum().backward()
+    assert torch.allclose(occupancy_slope(logits.detach(), target), logits.grad, atol=1e-6)
+
+
+def test_a_product_decoder_is_a_sum_of_products_of_profiles():
+    decoder = ProductDecoder(128)
+    z = torch.randn(2, 128)
+    grid = decoder.grid(z)
+    assert torch.equal(grid_from_cells(decoder(z)), grid)
+    profiles = decoder.profiles(decoder.trunk(z)).reshape(2, 3, decoder.TERMS, 64)
+    x, y, zs = profiles[1, 0, :, 5].tanh(), profiles[1, 1, :, 17].tanh(), profiles[1, 2, :, 40]
+    assert grid[1, 5, 17, 40].item() == pytest.approx((x * y * zs).sum().item(), abs=1e-4)
+    assert grid.mean() < -2  # few voxels are occupied
+
+
+def test_octaves_tell_near_values_apart():
+    """PE sees sin and cos of 2^k pi u; without octaves it is as it was."""
+    network = NNProc(SPACE, NetworkConfig(octaves=2))
+    plain = NNProc(SPACE)
+    scalars = len(network.codec.scalars)
+    assert network.param_encoder[0].in_features == plain.param_encoder[0].in_features + 4 * scalars
+    seen = []
+    network.param_encoder.register_forward_pre_hook(lambda _, args: seen.append(args[0]))
+    vector = network.codec.vectors([{"depth": 0.45, "bars": 1, "legs": "a", "round": True}])  # u = 1/4
+    network.encode_params(vector)
+    assert torch.allclose(seen[0][0, -4:], torch.tensor([1.0, 0.0, 0.0, -1.0]), atol=1e-5)
 
 
 def test_codec_activates_by_kind(rng):
@@ -65,7 +104,7 @@ def test_similarity_loss_is_zero_for_equal_angles():
     assert similarity_loss(torch.randn(6, 5), x).item() > 0.1
 
 
-@pytest.mark.parametrize("layers", ["patch", "paper"])
+@pytest.mark.parametrize("layers", ["patch", "product", "paper"])
 def test_every_weight_gets_a_gradient(layers, rng):
     network = NNProc(SPACE, NetworkConfig(layers=layers))
     vectors = network.codec.vectors([SPACE.sample(rng) for _ in range(4)])
@@ -83,13 +122,13 @@ def test_the_papers_weights_are_all_one():
 
 
 def test_unknown_layers_are_refused():
-    with pytest.raises(ValueError, match="patch, paper"):
+    with pytest.raises(ValueError, match="patch, product, paper"):
         NNProc(SPACE, NetworkConfig(layers="huge"))
 
 
 def test_weights_round_trip_and_are_refused_for_another_space(tmp_path):
     path = tmp_path / "stool.safetensors"
-    network = NNProc(SPACE).eval()
+    network = NNProc(SPACE, NetworkConfig(layers="product", octaves=2)).eval()
     save_network(path, network)
     loaded = load_network(SPACE, path)
     z = torch.randn(2, 128)

@@ -1,14 +1,20 @@
 """Generated data and training: resumable, seeded, checked."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from datasets.synthetic import SyntheticOptions, generate, read, shape_params
 from datasets.synthetic import main as synthetic_main
-from nnproc.train import TrainOptions, learning_rate, train
+from nnproc import finish
+from nnproc.finish import FinishOptions, finish_half, merge
+from nnproc.infer import load_network, save_network
+from nnproc.network import NetworkConfig
+from nnproc.train import TrainOptions, learning_rate, train, write_card
 
 TINY = SyntheticOptions(train_on=12, train_off=6, test_on=4, test_off=4)
 
@@ -89,6 +95,59 @@ def test_a_checkpoint_of_other_options_is_refused(data, tmp_path):
     train("chair", data, tmp_path, TrainOptions(steps=1, batch=4))
     with pytest.raises(ValueError, match="other options"):
         train("chair", data, tmp_path, TrainOptions(steps=1, batch=4, seed=5))
+
+
+@pytest.fixture(scope="module")
+def started(data, tmp_path_factory):
+    """Weights after two joint steps, with their card."""
+    out = tmp_path_factory.mktemp("started")
+    options = TrainOptions(steps=2, batch=4, network=NetworkConfig(layers="product", octaves=2))
+    trainer = train("chair", data, out / "work", options)
+    save_network(out / "chair.safetensors", trainer.network)
+    write_card(trainer, data, out / "chair.json", "as tested")
+    return out / "chair.safetensors"
+
+
+@pytest.mark.parametrize("half", ["decode", "encode"])
+def test_a_half_trains_its_own_part_and_goes_on_from_its_save(half, data, started, chair, tmp_path, monkeypatch):
+    options = FinishOptions(decode_steps=4, encode_steps=4, batch=4, save_every=2)
+    finish_half("chair", half, data, tmp_path / "straight", options, started)
+    straight = load_file(tmp_path / "straight" / f"{half}.safetensors")
+    own = {"decode": {"param_encoder", "shape_decoder"}, "encode": {"shape_encoder", "param_decoder"}}[half]
+    assert {k.split(".")[1] for k in straight if k.startswith("net.")} == own
+    before = load_network(chair.space, started).state_dict()
+    assert any((straight[f"net.{k}"] != v).any() for k, v in before.items() if f"net.{k}" in straight)
+
+    save = finish._save
+
+    def die(path, trained, optimiser, step, *rest):
+        if step == 4:
+            raise KeyboardInterrupt
+        save(path, trained, optimiser, step, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(finish, "_save", die)
+        with pytest.raises(KeyboardInterrupt):
+            finish_half("chair", half, data, tmp_path / "stopped", options, started)
+    finish_half("chair", half, data, tmp_path / "stopped", options, started)
+    resumed = load_file(tmp_path / "stopped" / f"{half}.safetensors")
+    for name, value in straight.items():
+        assert torch.allclose(value, resumed[name], atol=2e-4, rtol=1e-2), name
+
+
+def test_halves_merge_once(data, started, chair, tmp_path):
+    path = tmp_path / "chair.safetensors"
+    for suffix in (".safetensors", ".json"):
+        shutil.copy(started.with_suffix(suffix), path.with_suffix(suffix))
+    options = FinishOptions(decode_steps=1, encode_steps=1, batch=4)
+    for half in ("decode", "encode"):
+        finish_half("chair", half, data, tmp_path / "work", options, path)
+    merge("chair", data, tmp_path / "work", options, path)
+    merged, card = path.read_bytes(), path.with_suffix(".json").read_text()
+    assert load_network(chair.space, path).config.layers == "product"
+    assert len(json.loads(card)["finish"]) == 1
+    merge("chair", data, tmp_path / "work", options, path)
+    assert (path.read_bytes(), path.with_suffix(".json").read_text()) == (merged, card)
 
 
 def test_the_schedule_rises_then_falls():

@@ -5,10 +5,10 @@ from __future__ import annotations
 import tempfile
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.utils.flop_counter import FlopCounterMode
 
 from nnproc.silhouettes import RayOperator, _product
 from recon.evaluate.chair import SHIPPED, reconstruct
@@ -51,23 +51,10 @@ def _operators(on: Subject, options: SpeedOptions) -> list[tuple[str, RayOperato
 
 
 def operations(decoder: nn.Module, *inputs: Tensor) -> int:
-    """Floating-point operations of the convolutions and fully connected layers in one forward pass, two a product."""
-    total = 0
-
-    def count(module: nn.Module, _: Any, output: Tensor) -> None:
-        nonlocal total
-        weight: Any = module.weight
-        total += 2 * output.numel() * weight[0].numel()
-
-    layers = [m for m in decoder.modules() if isinstance(m, nn.Conv3d | nn.Linear)]
-    handles = [m.register_forward_hook(count) for m in layers]
-    try:
-        with torch.inference_mode():
-            decoder(*inputs)
-    finally:
-        for handle in handles:
-            handle.remove()
-    return total
+    """Floating-point operations of the matrix products and convolutions in one forward pass, two a product."""
+    with torch.no_grad(), FlopCounterMode(display=False) as counter:
+        decoder(*inputs)
+    return counter.get_total_flops()
 
 
 def arithmetic(on: Subject, options: SpeedOptions) -> list[SpeedRow]:
