@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO := datasets/samples/chair
 
-.PHONY: demo test install lint fast weights clean
+.PHONY: demo test install lint fast long weights clean
 
 demo: install
 	$(BIN)/python run_recon.py $(DEMO)/photos --class chair --out out/chair
@@ -18,7 +18,10 @@ lint: install
 	$(BIN)/mypy
 
 fast: install
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow and not long"
+
+long: install
+	$(BIN)/python -m pytest -m long
 
 # Networks of all classes by the present recipe. Each card says what made the shipped ones, and how long it took.
 weights: install

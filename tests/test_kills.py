@@ -131,7 +131,7 @@ def survive(undisturbed, out, kills, each):
         sys.stderr.write(f"{done} kills in {campaigns} folders\n")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(7200)
 def test_sixty_kills(undisturbed, tmp_path):
     survive(undisturbed, tmp_path, 60, 4)
