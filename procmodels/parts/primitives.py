@@ -8,20 +8,41 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
-from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
-from procmodels.shape import Part, Polygon
+from procmodels.parts.topology import (
+    ACROSS,
+    CUBE,
+    CUBE_FACES,
+    bevelled_cube,
+    corner_signs,
+    loft_faces,
+    outline_arcs,
+    polygon,
+    section,
+    sheet_faces,
+    torus_faces,
+    turned_faces,
+)
+from procmodels.shape import Part
 
 Point = Sequence[float] | np.ndarray
-# Corners of a cube in the order 4 x + 2 y + z, and its sides.
-_CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
-_SIDES: tuple[Polygon, ...] = ((0, 1, 3, 2), (2, 3, 7, 6), (6, 7, 5, 4), (4, 5, 1, 0), (2, 6, 4, 0), (7, 3, 1, 5))
-# For a section across an axis: the two other axes, so that first x second points along it.
-_ACROSS = {"X": (1, 2), "Y": (2, 0), "Z": (0, 1)}
-_SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+
+
+class Plane(NamedTuple):
+    """A plane z + slope * y that is level from left to right."""
+
+    z: float
+    slope: float = 0.0
+
+    def at(self, y: float) -> float:
+        """Its height at y."""
+        return self.z + self.slope * y
+
+
+LEVEL = Plane(0.0)
 
 
 def box(name: str, low: Point, high: Point, bevel: float = 0.0, matrix: np.ndarray | None = None) -> Part:
@@ -31,11 +52,11 @@ def box(name: str, low: Point, high: Point, bevel: float = 0.0, matrix: np.ndarr
     """
     near, far = np.array(low, float), np.array(high, float)
     if bevel:
-        signs, depths, faces = _bevelled_cube()
+        signs, depths, faces = bevelled_cube()
         bevel = min(bevel, float((far - near).min()) / 2)
         part = Part(name, (near + far) / 2 + signs * ((far - near) / 2 - bevel * depths), faces, convex=True)
     else:
-        part = Part(name, near + (far - near) * _CUBE, _SIDES, convex=True)
+        part = Part(name, near + (far - near) * CUBE, CUBE_FACES, convex=True)
     return part if matrix is None else part.moved(matrix)
 
 
@@ -59,8 +80,36 @@ def beam(
     halves = np.zeros((2, 1, 3))
     for half, (a, b) in zip(halves[:, 0], (size, end_size), strict=True):
         half[axis - 2], half[axis - 1] = a / 2, b / 2
-    rings = _section(cut, sides) * halves + np.array([[start], [end]])
-    return Part(name, rings.reshape(-1, 3), _loft_faces(2, sides), convex=True)
+    rings = section(cut, sides) * halves + np.array([[start], [end]])
+    return Part(name, rings.reshape(-1, 3), loft_faces(2, sides), convex=True)
+
+
+def upright(
+    name: str,
+    foot: Point,
+    head: Point,
+    foot_size: tuple[float, float],
+    head_size: tuple[float, float],
+    low: Plane = LEVEL,
+    high: Plane = LEVEL,
+    sides: int = 4,
+) -> Part:
+    """A post between two planes that may slope to the front: feet stand flat, heads fit under a tilted seat.
+
+    foot, head  (x, y) of the centres of its ends; sizes: along x and y; low, high: the planes of the ends
+    """
+    halves = np.array([[(*foot_size, 0.0)], [(*head_size, 0.0)]]) / 2
+    ends = [[(foot[0], foot[1], low.at(foot[1]))], [(head[0], head[1], high.at(head[1]))]]
+    rings = section("Z", sides) * halves + np.array(ends)
+    start, along = rings[0], rings[1] - rings[0]
+    # Each edge goes on until it meets the plane: the sides stay flat.
+    cuts = [
+        start + along * ((p.z + p.slope * start[:, 1] - start[:, 2]) / (along[:, 2] - p.slope * along[:, 1]))[:, None]
+        if p.slope
+        else ring
+        for p, ring in zip((low, high), rings, strict=True)
+    ]
+    return Part(name, np.concatenate(cuts), loft_faces(2, sides), convex=True)
 
 
 def cylinder(
@@ -76,14 +125,14 @@ def cylinder(
     if not share:
         across = np.array([(1.0, 0, 0), (0, -1.0, 0)])
     radii = np.array([[[radius]], [[radius if top_radius is None else top_radius]]])
-    rings = _outline(segments) @ across * radii + np.array([[bottom], [top]])
-    return Part(name, rings.reshape(-1, 3), _loft_faces(2, segments), convex=True)
+    rings = polygon(segments) @ across * radii + np.array([[bottom], [top]])
+    return Part(name, rings.reshape(-1, 3), loft_faces(2, segments), convex=True)
 
 
 def loft(name: str, rings: np.ndarray, convex: bool = False) -> Part:
     """A body of rings (k, n, 3), each counter-clockwise seen from where the next one lies; the ends are flat caps."""
     k, n, _ = rings.shape
-    return Part(name, rings.reshape(-1, 3), _loft_faces(k, n), convex)
+    return Part(name, rings.reshape(-1, 3), loft_faces(k, n), convex)
 
 
 def plate(name: str, outline: np.ndarray, low: float, high: float) -> Part:
@@ -99,14 +148,14 @@ def rounded(width: float, depth: float, roundness: float, arc: int = 5) -> np.nd
     that take `roundness` of the half sides, of which a hundredth stays at both ends so that all vertices are apart.
     """
     share = 0.01 + 0.98 * roundness
-    return (np.array([width, depth]) / 2) * (_corner_signs(arc) * (1 - share) + _outline_arcs(arc) * share)
+    return (np.array([width, depth]) / 2) * (corner_signs(arc) * (1 - share) + outline_arcs(arc) * share)
 
 
 def lathe(name: str, profile: Sequence[tuple[float, float]], centre: Point = (0.0, 0.0), segments: int = 16) -> Part:
     """A body turned about a vertical axis: (radius, z) from the bottom to the top, no radius 0."""
     radii, heights = np.array(profile).T
     rings = np.empty((len(radii), segments, 3))
-    rings[:, :, :2] = radii[:, None, None] * _outline(segments) + np.array(centre)
+    rings[:, :, :2] = radii[:, None, None] * polygon(segments) + np.array(centre)
     rings[:, :, 2] = heights[:, None]
     return loft(name, rings, convex=_is_concave(radii, heights))
 
@@ -121,9 +170,18 @@ def sweep(name: str, path: np.ndarray, across: np.ndarray, size: tuple[float, fl
     along = np.gradient(path, axis=0)
     second = np.cross(along, across)
     second /= np.sqrt((second * second).sum(1))[:, None]
-    outline = _outline(sides) * (np.array(size) / 2)
+    outline = polygon(sides) * (np.array(size) / 2)
     rings = path[:, None] + outline[None, :, :1] * across[:, None] + outline[None, :, 1:] * second[:, None]
     return loft(name, rings, convex=len(path) == 2)
+
+
+def torus(name: str, radius: float, thickness: float, z: float, segments: int = 20, sides: int = 6) -> Part:
+    """A round tube bent to a level ring about the z axis; radius to the middle of the tube."""
+    tube = polygon(sides) * (thickness / 2)
+    rings = np.empty((segments, sides, 3))
+    rings[..., :2] = polygon(segments)[:, None] * (radius + tube[:, :1])
+    rings[..., 2] = z + tube[:, 1]
+    return Part(name, rings.reshape(-1, 3), torus_faces(segments, sides))
 
 
 def sheet(name: str, front: np.ndarray, back: np.ndarray, convex: bool = False) -> Part:
@@ -133,127 +191,23 @@ def sheet(name: str, front: np.ndarray, back: np.ndarray, convex: bool = False) 
     """
     rows, columns, _ = front.shape
     vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
-    return Part(name, vertices, _sheet_faces(rows, columns), convex)
+    return Part(name, vertices, sheet_faces(rows, columns), convex)
 
 
 def mirrored(part: Part, name: str) -> Part:
     """The part on the other side of the plane x = 0."""
-    return Part(name, part.vertices * (-1.0, 1.0, 1.0), _reversed(part.faces), part.convex)
+    return Part(name, part.vertices * (-1.0, 1.0, 1.0), turned_faces(part.faces), part.convex)
 
 
 def rotation(axis: str, degrees: float, about: Iterable[float] = (0, 0, 0)) -> np.ndarray:
     """(4, 4) rotation about the line through `about` along axis "X", "Y" or "Z"."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    i, j = _ACROSS[axis]
+    i, j = ACROSS[axis]
     matrix = np.eye(4)
     matrix[i, i], matrix[i, j], matrix[j, i], matrix[j, j] = c, -s, s, c
     centre = np.array(list(about), float)
     matrix[:3, 3] = centre - matrix[:3, :3] @ centre
     return matrix
-
-
-# What depends on counts alone.
-
-
-@lru_cache
-def _outline(sides: int) -> np.ndarray:
-    """(sides, 2), counter-clockwise: a square of side 2, or corners on the unit circle, one of them at (0, 1)."""
-    if sides == 4:
-        return _SQUARE
-    angles = np.pi / 2 + 2 * np.pi * np.arange(sides) / sides
-    return np.stack([np.cos(angles), np.sin(angles)], 1)
-
-
-@lru_cache
-def _section(cut: str, sides: int) -> np.ndarray:
-    """(sides, 3) outline across an axis, in the order in which the axis's coordinates grow."""
-    section = np.zeros((sides, 3))
-    section[:, list(_ACROSS[cut])] = _outline(sides)
-    return section
-
-
-@lru_cache
-def _outline_arcs(arc: int) -> np.ndarray:
-    """(4 arc, 2) points of the unit circle, `arc` in each quarter, both its ends among them."""
-    angles = np.concatenate([np.linspace(0, np.pi / 2, arc) + i * np.pi / 2 for i in range(4)])
-    return np.stack([np.cos(angles), np.sin(angles)], 1)
-
-
-@lru_cache
-def _corner_signs(arc: int) -> np.ndarray:
-    """(4 arc, 2) corners of the square of side 2, each `arc` times."""
-    return np.repeat(np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]), arc, axis=0)
-
-
-@lru_cache
-def _loft_faces(rings: int, sides: int) -> tuple[Polygon, ...]:
-    faces: list[Polygon] = [tuple(reversed(range(sides))), tuple(range((rings - 1) * sides, rings * sides))]
-    for ring, i in product(range(rings - 1), range(sides)):
-        a, b = ring * sides + i, ring * sides + (i + 1) % sides
-        faces.append((a, b, b + sides, a + sides))
-    return tuple(faces)
-
-
-@lru_cache
-def _sheet_faces(rows: int, columns: int) -> tuple[Polygon, ...]:
-    number = np.arange(rows * columns).reshape(rows, columns)
-    behind = rows * columns
-    faces: list[Polygon] = []
-    for i, j in product(range(rows - 1), range(columns - 1)):
-        cell = tuple(int(number[k]) for k in ((i, j), (i, j + 1), (i + 1, j + 1), (i + 1, j)))
-        faces += [cell, tuple(n + behind for n in reversed(cell))]
-    # The rim, counter-clockwise as seen from before the front sheet.
-    rim = [*number[0, :-1], *number[:-1, -1], *number[-1, :0:-1], *number[:0:-1, 0]]
-    for a, b in zip(rim, rim[1:] + rim[:1], strict=True):
-        faces.append((int(b), int(a), int(a) + behind, int(b) + behind))
-    return tuple(faces)
-
-
-@lru_cache
-def _bevelled_cube() -> tuple[np.ndarray, np.ndarray, tuple[Polygon, ...]]:
-    """Signs (56, 3) of the cube's corners, depths (56, 3) of vertices within them in bevels, and faces.
-
-    A vertex lies at sign * (half side - bevel * depth). Seven belong to a corner: one on each of its three sides, one
-    in the middle of each edge's arc, one in the middle.
-    """
-    arc, ball = 1 - math.sqrt(1 / 2), 1 - math.sqrt(1 / 3)
-    on_side, on_edge = 1 - np.eye(3), np.where(np.eye(3) > 0, 1, arc)  # row: the side's or edge's axis
-    depths = np.tile(np.concatenate([on_side, on_edge, np.full((1, 3), ball)]), (8, 1))
-    corners = np.array(list(product((-1, 1), repeat=3)))
-
-    def first(axis: int, s: int, u: int, v: int) -> int:
-        """Number of the first vertex at a corner with sign s along an axis, u and v along the next two."""
-        place = np.roll((s, u, v), axis)
-        return 7 * int((corners == place).all(1).argmax())
-
-    faces: list[Polygon] = []
-    for axis in range(3):
-        for s in (-1, 1):
-            faces.append(tuple(first(axis, s, u, v) + axis for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))))
-        for u, v in product((-1, 1), repeat=2):
-            low, high = first(axis, -1, u, v), first(axis, 1, u, v)
-            strips = ((axis + 1) % 3, (axis + 2) % 3)  # from each of the two sides to the middle of the arc
-            faces += [(low + k, high + k, high + 3 + axis, low + 3 + axis) for k in strips]
-    for corner in range(0, 56, 7):
-        faces += [(corner + a, corner + 3 + (a + 1) % 3, corner + 6, corner + 3 + (a + 2) % 3) for a in range(3)]
-    signs = np.repeat(corners, 7, axis=0)
-    return signs, depths, tuple(_outward(f, signs * (2 - depths)) for f in faces)
-
-
-def _outward(face: Polygon, points: np.ndarray) -> Polygon:
-    """The face turned so that it looks away from the origin, which lies inside."""
-    a, b, c = points[list(face[:3])]
-    return face if np.dot(np.cross(b - a, c - a), a + b + c) > 0 else _turned(face)
-
-
-def _turned(face: Polygon) -> Polygon:
-    """The other way round, from the same vertex: it is cut into the same triangles."""
-    return (face[0], *face[:0:-1])
-
-
-@lru_cache(maxsize=1024)
-def _reversed(faces: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
-    return tuple(_turned(f) for f in faces)
 
 
 def _is_concave(radii: np.ndarray, heights: np.ndarray) -> bool:
