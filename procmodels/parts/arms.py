@@ -1,0 +1,80 @@
+"""Arms of chairs, both sides alike: posts with a rail, pads on a post, boards, walls that go on from the back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from procmodels.parts.backs import Back
+from procmodels.parts.boards import Side, side_boards
+from procmodels.parts.legs import both
+from procmodels.parts.primitives import Plane, beam, box, sheet, upright
+from procmodels.parts.seats import Seat
+from procmodels.shape import Part
+
+
+@dataclass(frozen=True)
+class Arms:
+    """top: z of the arms; size: their width; front: y of their front end."""
+
+    top: float
+    size: float
+    front: float
+
+
+def posts(arms: Arms, seat: Seat, back: Back) -> list[Part]:
+    """A post at the front of each side, and a rail from it to the side of the back."""
+    half, bar = arms.size / 2, 0.7 * arms.size
+    x = seat.corner_width(arms.front) - half
+    y = arms.front + half
+    low = arms.top - bar
+    post = upright("", (x, y), (x, y), (bar, bar), (bar, bar), seat.top, Plane(low))
+    u = 1 - back.post / 2
+    v = min(back.share(low + bar / 2), float(back.end(np.array(u))) - 0.02)
+    rear = back.points(np.array(u), np.array(v), back.thickness / 2)
+    rail = beam("", (x, arms.front, low + bar / 2), tuple(rear), (bar, arms.size), cut="Y")
+    return both("arm post {}", post) + both("armrest {}", rail)
+
+
+def pads(arms: Arms, seat: Seat, back: Back) -> list[Part]:
+    """A pad on one post at each side."""
+    length = 0.6 * (seat.rear - arms.front)
+    height, post = 0.6 * arms.size, 0.5 * arms.size
+    rear = arms.front + length
+    x = min(seat.corner_width(arms.front), seat.corner_width(rear)) - arms.size / 2
+    y = arms.front + 0.6 * length
+    low = arms.top - height
+    stem = upright("", (x, y), (x, y), (post, 1.4 * post), (post, 1.4 * post), seat.top, Plane(low))
+    pad = box("", (x - arms.size / 2, arms.front, low), (x + arms.size / 2, rear, arms.top))
+    return both("arm post {}", stem) + both("armrest {}", pad)
+
+
+def boards(arms: Arms, side: Side, back: Back, low: Plane) -> list[Part]:
+    """A board at each side from the plane `low` up, its rear edge following the back."""
+    v = min(back.share(arms.top), 1.0)
+    rear = float(back.profile(np.array(v))) + back.thickness / 2
+    x0, y0 = side.front
+    x1, y1 = side.rear
+    front = (x0 + (x1 - x0) * (arms.front - y0) / (y1 - y0), arms.front)
+    return side_boards("arm panel {}", Side(front, (x1, y1)), arms.size, low, Plane(arms.top), rear)
+
+
+def walls(arms: Arms, seat: Seat, back: Back) -> list[Part]:
+    """Walls along the edge of the seat, from the side of the back to the front, falling to the arms' height."""
+    thick = arms.size / 2
+    share = np.linspace(0, 1, 7)
+    u, v = np.array(1.0), float(back.end(np.array(1.0)))
+    start, end = back.points(u, np.array([0.0, v]), back.thickness / 2)
+    y = arms.front + (start[1] - arms.front) * share
+    rise = share**2
+    edge = np.array([seat.half_width(float(t)) for t in y])
+    top = arms.top + (end[2] - arms.top) * rise
+    lean = (end[1] - start[1]) * rise
+    floor = seat.top.z + seat.top.slope * y
+    low, high = (
+        np.stack([edge + (place[0] - edge) * rise, y + dy, z], -1)
+        for place, dy, z in ((start, 0, floor), (end, lean, top))
+    )
+    face = np.stack([low, (low + high) / 2, high])
+    return both("arm wall {}", sheet("", face, face - np.array([thick, 0, 0])))

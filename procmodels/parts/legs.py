@@ -1,0 +1,183 @@
+"""What a seat or a top stands on: four legs, folding legs, sleds, stars, pedestals, side boards; and their stretchers.
+
+All stand on z = 0 and reach up to the plane `under`; left is +X, the side of the one who sits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from procmodels.parts.primitives import (
+    Plane,
+    beam,
+    cylinder,
+    lathe,
+    mirrored,
+    rotation,
+    sheet,
+    torus,
+    upright,
+)
+from procmodels.shape import Part
+
+Place = tuple[float, float]  # x, y
+
+
+@dataclass(frozen=True)
+class Leg:
+    """The line through the middle of a leg of the left side, and its square section at both ends."""
+
+    head: Place
+    foot: Place
+    top: float  # z of the head
+    size: float
+    foot_size: float
+
+    @staticmethod
+    def under(plane: Plane, head: Place, lean: tuple[float, float], size: float, taper: float) -> Leg:
+        """A leg below a plane; `lean` is how far the foot stands outwards and backwards of the head, of its height.
+
+        Feet never cross the middle, however they lean.
+        """
+        height, foot_size = plane.at(head[1]), size * taper
+        x = max(head[0] + lean[0] * height, foot_size / 2)
+        y = head[1] + lean[1] * height
+        y = math.copysign(max(math.copysign(y, y * head[1]), foot_size / 2), head[1])
+        return Leg(head, (x, y), height, size, foot_size)
+
+    def at(self, z: float) -> tuple[float, float, float]:
+        """The middle at a height."""
+        share = z / self.top
+        return (
+            self.foot[0] + share * (self.head[0] - self.foot[0]),
+            self.foot[1] + share * (self.head[1] - self.foot[1]),
+            z,
+        )
+
+    def size_at(self, z: float) -> float:
+        """Side of the section at a height."""
+        return self.foot_size + z / self.top * (self.size - self.foot_size)
+
+    def part(self, name: str, under: Plane) -> Part:
+        """The leg, thicker where it leans much: its section is level."""
+        # Measured across its own line, a leg is as thick as asked.
+        x, y = (math.hypot(1, (h - f) / self.top) for h, f in zip(self.head, self.foot, strict=True))
+        sizes = [(s * x, s * y) for s in (self.foot_size, self.size)]
+        return upright(name, self.foot, self.head, sizes[0], sizes[1], high=under)
+
+
+def both(name: str, part: Part) -> list[Part]:
+    """A part of the left side, named with {} in the side's place, and its mirror image."""
+    left = Part(name.format("left"), part.vertices, part.faces, part.convex)
+    return [left, mirrored(part, name.format("right"))]
+
+
+def four(front: Leg, rear: Leg, under: Plane) -> list[Part]:
+    """Four legs."""
+    return both("leg front {}", front.part("", under)) + both("leg rear {}", rear.part("", under))
+
+
+def stretchers(kind: str, front: Leg, rear: Leg, share: float) -> list[Part]:
+    """Bars between four legs at a share of their height: none, sides, H (with one across), box (all round)."""
+    if kind == "none":
+        return []
+    a, b = front.at(share * front.top), rear.at(share * rear.top)
+    size = 0.6 * min(front.size_at(a[2]), rear.size_at(b[2]))
+    section = (size, size)
+    parts = both("stretcher {}", beam("", a, b, section, cut="Y"))
+    if kind == "H":
+        x, y, z = ((p + q) / 2 for p, q in zip(a, b, strict=True))
+        parts.append(beam("stretcher middle", (-x, y, z), (x, y, z), section, cut="X"))
+    if kind == "box":
+        for name, (x, y, z) in (("front", a), ("rear", b)):
+            parts.append(beam(f"stretcher {name}", (-x, y, z), (x, y, z), section, cut="X"))
+    return parts
+
+
+def aprons(front: Leg, rear: Leg, height: float) -> list[Part]:
+    """Boards under the seat between four legs, down to a share of the legs' height."""
+    half = 0.25 * min(front.size, rear.size)
+    low = [leg.at((1 - height) * leg.top) for leg in (front, rear)]
+    high = [leg.at(leg.top) for leg in (front, rear)]
+    parts = both("apron {}", _board(np.array([low, high]), (half, 0, 0)))
+    for name, i in (("front", 0), ("rear", 1)):
+        rows = [[(-x, y, z), (x, y, z)] for x, y, z in (low[i], high[i])]
+        board = _board(np.array(rows), (0, -half, 0))
+        parts.append(Part(f"apron {name}", board.vertices, board.faces, board.convex))
+    return parts
+
+
+def _board(rows: np.ndarray, half: tuple[float, float, float]) -> Part:
+    """A board round the middle sheet (2, columns, 3), `half` towards the side that it is seen from."""
+    offset = np.array(half)
+    return sheet("", rows + offset, rows - offset)
+
+
+def sled(front: Leg, rear: Leg, rear_posts: bool, under: Plane) -> list[Part]:
+    """Two runners on the floor below posts; without rear posts a bar joins the runners there (cantilever)."""
+    size = min(front.size, 0.5 * front.top)
+    section = (size, size)
+    half = size / 2
+    start, end = (*front.foot, half), (*rear.foot, half)
+    parts = both("leg front {}", front.part("", under))
+    parts += both("runner {}", beam("", start, end, section, cut="Y"))
+    if rear_posts:
+        return parts + both("leg rear {}", rear.part("", under))
+    x, y = rear.foot
+    return [*parts, beam("runner rear", (-x, y, half), (x, y, half), section, cut="X")]
+
+
+def fold(front: Leg, rear: Leg, under: Plane) -> list[Part]:
+    """Legs that cross at each side, each pair side by side: from the front of the seat to the rear foot, and back."""
+    size = min(front.size, front.head[0] / 2.5)
+    outer = Leg(front.head, (front.foot[0], rear.foot[1]), front.top, size, size * front.foot_size / front.size)
+    inner = Leg(
+        (rear.head[0] - size, rear.head[1]), (rear.foot[0] - size, front.foot[1]), rear.top, size, outer.foot_size
+    )
+    parts = both("leg outer {}", outer.part("", under)) + both("leg inner {}", inner.part("", under))
+    for name, leg in (("outer", outer), ("inner", inner)):
+        x, y, z = leg.at(0.12 * leg.top)
+        bar = 0.5 * leg.size_at(z)
+        parts.append(beam(f"bar {name}", (-x, y, z), (x, y, z), (bar, bar), cut="X"))
+    return parts
+
+
+def star(radius: float, arms: int, castors: bool, size: float, under: Plane) -> list[Part]:
+    """A column on arms that reach out along the floor, or over it on castors; the first points to the rear."""
+    height = under.at(0)
+    arm = min(0.04, 0.15 * height)
+    wheel = min(0.03, 0.1 * height) if castors else 0.0
+    hub = 2 * wheel + 2 * arm
+    tip = 1.8 * wheel + 0.4 * arm  # middle of an arm's end: over a castor, or on the floor
+    start, end = (0.0, 0, hub - 0.6 * arm), (radius, 0, tip)
+    member = beam("", start, end, (1.2 * arm, arm), (0.8 * arm, 0.8 * arm), cut="X")
+    wheels = cylinder("", wheel, (radius, -0.6 * wheel, wheel), (radius, 0.6 * wheel, wheel), 10) if castors else None
+    parts = [upright("column", (0, 0), (0, 0), (size, size), (size, size), Plane(hub - arm), under, sides=12)]
+    for i in range(arms):
+        turn = rotation("Z", 90 + 360 * i / arms)
+        for name, part in (("star arm", member), ("castor", wheels)):
+            if part is not None:
+                moved = part.moved(turn)
+                parts.append(Part(f"{name} {i + 1}", moved.vertices, moved.faces, moved.convex))
+    return parts
+
+
+def pedestal(radius: float, size: float, under: Plane) -> list[Part]:
+    """A column on a disc that swells towards it."""
+    half, height = size / 2, min(0.06, 0.3 * under.at(0))
+    profile = [(radius, 0.0), (radius, 0.25 * height), (0.55 * radius + 0.45 * half, 0.45 * height), (half, height)]
+    column = upright("column", (0, 0), (0, 0), (size, size), (size, size), Plane(height), under, sides=16)
+    return [lathe("foot", profile), column]
+
+
+def foot_ring(radius: float, share: float, under: Plane) -> list[Part]:
+    """A ring round a column at a share of its height, on two bars through it."""
+    z, bar = share * under.at(0), 0.016
+    return [
+        torus("foot ring", radius, 1.4 * bar, z),
+        beam("ring bar across", (-radius, 0, z), (radius, 0, z), (bar, bar), cut="X"),
+        beam("ring bar along", (0, -radius, z), (0, radius, z), (bar, bar), cut="Y"),
+    ]
