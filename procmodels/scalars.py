@@ -27,6 +27,7 @@ class Scalar:
     usual: tuple[float, float] | None = None
     about: str = ""
     group: str = ""
+    absent: float = 0.0  # share of samples that have the lowest value: what it measures is not there
     slots = 1
 
     @property
@@ -46,7 +47,9 @@ class Scalar:
         return self.value_from_unit(0.5) if self.usual is None else self.usual[0]
 
     def sample(self, rng: np.random.Generator, uniform: float = UNIFORM) -> float:
-        """Evenly over the range in a share `uniform` of all cases, else round the usual value."""
+        """Evenly over the range in a share `uniform` of all cases, else round the usual value; or absent."""
+        if self.absent and rng.random() < self.absent:
+            return self.low
         if self.usual is None or rng.random() < uniform:
             return self.value_from_unit(rng.random())
         while True:

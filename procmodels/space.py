@@ -247,5 +247,6 @@ def _on_grid(p: Parameter, rng: np.random.Generator) -> Value:
 def _specification(p: Parameter) -> dict[str, Any]:
     """What the hash covers of a parameter: fields that were not set are left out, so that new ones change nothing."""
     said = {f.name: getattr(p, f.name) for f in fields(p) if f.name not in WORDS}  # type: ignore[arg-type]
-    optional = {k: str(v) if k == "only_if" else v for k in ("only_if", "usual") if (v := said.pop(k)) is not None}
-    return {**said, **optional} | ({"unit": str(said["unit"])} if "unit" in said else {})
+    unset = {"only_if": None, "usual": None, "absent": 0.0}
+    kept = {k: v for k, v in said.items() if k not in unset or v != unset[k]}
+    return {k: str(v) if k in ("unit", "only_if") else v for k, v in kept.items()}

@@ -77,9 +77,11 @@ class Seat:
         return loft("seat", rings, convex=True)
 
     def cushion(self, thickness: float) -> Part:
-        """A domed cushion on top of the slab, a little smaller."""
+        """A domed cushion on top of the slab, a little smaller, pressed into it a hair."""
         outline = self.outline()
         rings = np.empty((len(_CUSHION), len(outline), 3))
         rings[:, :, :2] = _CUSHION[:, 1, None, None] * outline
-        rings[:, :, 2] = self.top.z + self.top.slope * rings[:, :, 1] + thickness * _CUSHION[:, 0, None]
+        height = thickness * _CUSHION[:, 0]
+        height[0] = -min(0.05 * thickness, 0.3 * (self.top.z - self.under.z))
+        rings[:, :, 2] = self.top.z + self.top.slope * rings[:, :, 1] + height[:, None]
         return loft("seat cushion", rings, convex=True)
