@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -255,7 +254,7 @@ SPACE = ParamSpace(
         Scalar(
             "back_wrap",
             0.0,
-            0.75,
+            0.65,
             unit=OF_DEPTH,
             only_if=BACK,
             usual=(0.06, 0.1),
@@ -369,88 +368,81 @@ USUAL_DEPTH = (0.08, 0.2)
 LEAST = 0.004  # lengths in shares: a thinner cushion or apron is none
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Where the pieces are: what they share."""
-
-    seat: Seat
-    side: Side  # outer faces of the seat and its arms
-    cushion: float
-    high: float  # top of the seat at the front
-
-
 def build(params: Params) -> list[Part]:
     """The parts of a chair of height 1, standing on z = 0, facing -Y."""
     p = SimpleNamespace(**SPACE.held(params))
-    plan = _plan(p)
-    parts = [plan.seat.slab(), *_base(p, plan)]
-    if plan.cushion:
-        parts.append(plan.seat.cushion(plan.cushion))
+    cushion = p.seat_cushion * p.seat_height if p.seat_cushion > LEAST else 0.0
+    seat = _seat(p, cushion)
+    parts = [seat.slab(), *_base(p, seat)]
+    if cushion:
+        parts.append(seat.cushion(cushion, p.arm_size * p.width if p.arms == "panel" else 0.0))
     if p.back != "none":
-        back = _back(p, plan)
-        parts += [*_BACKS[p.back](back, p), *_arms(p, plan, back)]
+        back = _back(p, seat)
+        parts += [*_BACKS[p.back](back, p), *_arms(p, seat, back)]
         if p.back_cushion > LEAST:
-            parts.append(backs.cushion(back, p.back_cushion * p.depth, plan.cushion / back.height))
+            parts.append(backs.cushion(back, p.back_cushion * p.depth, cushion / back.height))
     return parts
 
 
-def _plan(p: Any) -> _Plan:
-    """The seat, narrower where boards stand beside it, and the outer faces."""
-    z, d, w = p.seat_height, p.depth, p.width
-    cushion = p.seat_cushion * z if p.seat_cushion > LEAST else 0.0
+def _seat(p: Any, cushion: float) -> Seat:
+    """The slab, below a cushion."""
+    z, d = p.seat_height, p.depth
     drop = p.seat_drop * min(z, d)
     middle, slope = z - cushion - drop / 2, -drop / d
     top, under = Plane(middle, slope), Plane(middle - p.seat_thickness * z, slope)
-    side = Side((w / 2, -d / 2), (w / 2 * p.seat_taper, d / 2))
-    taken = 2 * p.arm_size * w if p.arms == "panel" else 0.0
-    seat = Seat(w - taken, d, (p.seat_taper * w - taken) / (w - taken), p.seat_round, top, under)
-    return _Plan(seat, side, cushion, z)
+    return Seat(p.width, d, p.seat_taper, p.seat_round, top, under)
 
 
-def _base(p: Any, plan: _Plan) -> list[Part]:
+def _base(p: Any, seat: Seat) -> list[Part]:
     """All below the seat."""
-    under, size = plan.seat.under, p.leg_thickness
+    under, size = seat.under, p.leg_thickness
     if p.base == "panel":
-        boards = side_boards("board {}", plan.side, size, LEVEL, under, plan.side.rear[1])
-        return boards + (end_boards(plan.side, size, p.apron, under) if p.apron > LEAST else [])
+        side = _side(seat, -p.depth / 2, p.depth / 2)
+        boards = side_boards("board {}", side, size, LEVEL, under, side.rear[1])
+        return boards + (end_boards(side, size, p.apron, under) if p.apron > LEAST else [])
     if p.base in ("star", "pedestal"):
+        ring = p.stretcher_height if p.foot_ring else None
         if p.base == "star":
-            parts = legs.star(p.base_radius, p.base_arms, p.castors, size, under)
-        else:
-            parts = legs.pedestal(p.base_radius, size, under)
-        return parts + (legs.foot_ring(0.7 * p.base_radius, p.stretcher_height, under) if p.foot_ring else [])
+            return legs.star(p.base_radius, p.base_arms, p.castors, size, under, ring)
+        return legs.pedestal(p.base_radius, size, under, ring)
     inset = p.leg_inset if p.base == "four" else 0.0
     taper = p.leg_taper if p.base in ("four", "fold") else 1.0
-    front = _leg(plan, plan.seat.front, -math.tan(math.radians(p.splay_front)), p, inset, taper)
-    rear = _leg(plan, plan.seat.rear, math.tan(math.radians(p.splay_rear)), p, inset, taper)
+    front = _leg(seat, seat.front, -p.splay_front, p, inset, taper)
+    rear = _leg(seat, seat.rear, p.splay_rear, p, inset, taper)
     if p.base == "sled":
         return legs.sled(front, rear, p.rear_posts, under)
     if p.base == "fold":
         return legs.fold(front, rear, under)
     bars = legs.stretchers(p.stretchers, front, rear, p.stretcher_height)
-    return legs.four(front, rear, under) + bars + (legs.aprons(front, rear, p.apron) if p.apron > LEAST else [])
+    return legs.four(front, rear, under) + bars + (legs.aprons(front, rear, p.apron, under) if p.apron > LEAST else [])
 
 
-def _leg(plan: _Plan, y: float, lean: float, p: Any, inset: float, taper: float) -> Leg:
-    """A leg below the seat's corner at y, or nearer to the middle; `lean`: how far its foot is to the rear."""
+def _leg(seat: Seat, y: float, lean: float, p: Any, inset: float, taper: float) -> Leg:
+    """A leg below the seat's corner at y, or nearer to the middle; `lean`: degrees that its foot is to the rear."""
     half = p.leg_thickness / 2
-    x = half + (plan.seat.corner * plan.side.at(y) - 2 * half) * (1 - inset)
+    x = half + (seat.corner_width(y) - 2 * half) * (1 - inset)
     inner = half + (abs(y) - 2 * half) * (1 - inset)
-    lean_side = math.tan(math.radians(p.splay_side))
-    return Leg.under(plan.seat.under, (x, math.copysign(inner, y)), (lean_side, lean), p.leg_thickness, taper)
+    slopes = (math.tan(math.radians(p.splay_side)), math.tan(math.radians(lean)))
+    return Leg.under(seat.under, (x, math.copysign(inner, y)), slopes, p.leg_thickness, taper)
 
 
-def _back(p: Any, plan: _Plan) -> Back:
+def _side(seat: Seat, front: float, rear: float) -> Side:
+    """The line through the seat's corners on the left, between two places along y."""
+    return Side((seat.corner_width(front), front), (seat.corner_width(rear), rear))
+
+
+def _back(p: Any, seat: Seat) -> Back:
     """The surface of the back, on the line through the seat's rear corners."""
-    seat = plan.seat
+    wrap = p.back_wrap * p.depth
+    room = 2 * min(seat.corner_width(seat.rear), seat.corner_width(seat.rear - wrap))
     return Back(
-        width=p.back_width * 2 * seat.corner * plan.side.at(seat.rear),
+        width=p.back_width * room,
         foot=seat.rear,
         floor=seat.top,
         top=1.0,
         rake=p.back_rake,
         bend=p.back_bend,
-        wrap=p.back_wrap * p.depth,
+        wrap=wrap,
         thickness=p.back_thickness * p.depth,
         gap=p.back_gap if p.back != "shell" else 0.0,
         roundness=p.back_round,
@@ -468,13 +460,13 @@ _BACKS: dict[str, Callable[[Back, Any], list[Part]]] = {
 }
 
 
-def _arms(p: Any, plan: _Plan, back: Back) -> list[Part]:
+def _arms(p: Any, seat: Seat, back: Back) -> list[Part]:
     """The arms, from the rear forwards."""
     if p.arms == "none":
         return []
-    seat, size, top = plan.seat, p.arm_size * p.width, plan.high + p.arm_height * (1 - plan.high)
+    top = p.seat_height + p.arm_height * (1 - p.seat_height)
+    front = seat.rear + p.arm_length * (seat.front - seat.rear)
+    arms = Arms(top, p.arm_size * p.width, front, seat.top.at(front))
     if p.arms == "panel":
-        arms = Arms(top, size, p.depth * (0.5 - p.arm_length))
-        return arm_parts.boards(arms, plan.side, back, seat.under)
-    arms = Arms(top, size, seat.rear + p.arm_length * (seat.front - seat.rear))
+        return arm_parts.boards(arms, _side(seat, arms.front, seat.rear), back)
     return {"posts": arm_parts.posts, "pads": arm_parts.pads, "wrap": arm_parts.walls}[p.arms](arms, seat, back)

@@ -16,31 +16,38 @@ from procmodels.shape import Part
 
 @dataclass(frozen=True)
 class Arms:
-    """top: z of the arms; size: their width; front: y of their front end."""
+    """top: z of the arms; size: their width; front: y of their front end; seat: z of the seat there."""
 
     top: float
     size: float
     front: float
+    seat: float
+
+    def height(self, share: float) -> float:
+        """Of a rail or pad: a share of its width, where there is room above the seat."""
+        return min(share * self.size, 0.6 * (self.top - self.seat))
 
 
 def posts(arms: Arms, seat: Seat, back: Back) -> list[Part]:
     """A post at the front of each side, and a rail from it to the side of the back."""
-    half, bar = arms.size / 2, 0.7 * arms.size
-    x = seat.corner_width(arms.front) - half
-    y = arms.front + half
+    bar = arms.height(0.7)
+    x = seat.corner_width(arms.front) - arms.size / 2
+    y = arms.front + bar / 2
     low = arms.top - bar
-    post = upright("", (x, y), (x, y), (bar, bar), (bar, bar), seat.top, Plane(low))
+    # Into the rail, which may slope.
+    post = upright("", (x, y), (x, y), (bar, bar), (bar, bar), seat.top, Plane(low + bar / 2))
     u = 1 - back.post / 2
     v = min(back.share(low + bar / 2), float(back.end(np.array(u))) - 0.02)
-    rear = back.points(np.array(u), np.array(v), back.thickness / 2)
-    rail = beam("", (x, arms.front, low + bar / 2), tuple(rear), (bar, arms.size), cut="Y")
+    end = back.points(np.array(u), np.array(v), back.thickness / 2)
+    start, end[2] = (x, arms.front, low + bar / 2), min(end[2], low + bar / 2)
+    rail = beam("", start, tuple(end), (bar, arms.size), (bar, min(arms.size, end[0])), cut="Y")
     return both("arm post {}", post) + both("armrest {}", rail)
 
 
 def pads(arms: Arms, seat: Seat, back: Back) -> list[Part]:
     """A pad on one post at each side."""
     length = 0.6 * (seat.rear - arms.front)
-    height, post = 0.6 * arms.size, 0.5 * arms.size
+    height, post = arms.height(0.6), 0.5 * arms.size
     rear = arms.front + length
     x = min(seat.corner_width(arms.front), seat.corner_width(rear)) - arms.size / 2
     y = arms.front + 0.6 * length
@@ -50,14 +57,11 @@ def pads(arms: Arms, seat: Seat, back: Back) -> list[Part]:
     return both("arm post {}", stem) + both("armrest {}", pad)
 
 
-def boards(arms: Arms, side: Side, back: Back, low: Plane) -> list[Part]:
-    """A board at each side from the plane `low` up, its rear edge following the back."""
+def boards(arms: Arms, side: Side, back: Back) -> list[Part]:
+    """A board at each side on the seat, its rear edge following the back."""
     v = min(back.share(arms.top), 1.0)
     rear = float(back.profile(np.array(v))) + back.thickness / 2
-    x0, y0 = side.front
-    x1, y1 = side.rear
-    front = (x0 + (x1 - x0) * (arms.front - y0) / (y1 - y0), arms.front)
-    return side_boards("arm panel {}", Side(front, (x1, y1)), arms.size, low, Plane(arms.top), rear)
+    return side_boards("arm panel {}", side, arms.size, back.floor, Plane(arms.top), rear)
 
 
 def walls(arms: Arms, seat: Seat, back: Back) -> list[Part]:

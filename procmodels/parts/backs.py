@@ -16,6 +16,7 @@ from procmodels.parts.primitives import Plane, loft, sheet
 from procmodels.shape import Part
 
 ROWS = 5
+MIDDLE = np.array([-2, -1, 0, 1, 2]) / 3  # columns between the corners
 LEAST = 0.01  # a lower gap is none, in shares of the back's height
 
 
@@ -117,11 +118,11 @@ class Back:
         return sheet(name, front, back)
 
     def columns(self) -> np.ndarray:
-        """(11,) u of columns that lie close where the upper corners are round."""
+        """(13,) u of columns that lie close where the upper corners are round."""
         turn = np.sin(np.linspace(0, np.pi / 2, 4))
         inner = 1 - self.corner[0]
         side = inner + self.corner[0] * turn
-        return np.concatenate([-side[::-1], [-inner / 2, 0, inner / 2], side])
+        return np.concatenate([-side[::-1], inner * MIDDLE, side])
 
 
 def panel(back: Back) -> list[Part]:
@@ -130,7 +131,7 @@ def panel(back: Back) -> list[Part]:
     v = low + np.linspace(0, 1, ROWS)[:, None] * (back.end(u) - low)
     parts = [back.sheet("back panel", u, v)]
     if low:
-        places = np.array([-0.65, 0.65])
+        places = (1 - back.corner[0]) * MIDDLE[[0, -1]]  # where the panel has columns too
         high = low + 0.5 * (back.end(places) - low)
         parts += _strips(back, "back post", places, min(back.post, 0.15) / 2, np.zeros(2), high, (0.3, 0.9))
     return parts
@@ -146,7 +147,7 @@ def shell(back: Back, depth: float) -> list[Part]:
     v = np.concatenate([np.repeat(low[:, None], len(u), 1), low[-1] + share * (back.end(u) - low[-1])])
     front, rear = back.points(u, v, back.thickness * np.array([0, 1])[:, None, None])
     for face in (front, rear):
-        face[:4, :, 1] -= forward[:, None]
+        face[:4] -= forward[:, None, None] * (0, 1, back.floor.slope)
     return [sheet("back shell", front, rear)]
 
 
@@ -173,9 +174,8 @@ def frame(back: Back) -> list[Part]:
         most_u, most_v = max(radius_u, inset_u * 1.02), max(radius_v, inset_v * 1.02)
         u = -1 + most_u - (most_u - inset_u) * np.cos(turn)
         v = 1 - most_v + (most_v - inset_v) * np.sin(turn)
-        middle = -(1 - most_u) * np.array([0.5, 0.0])
-        u = np.concatenate([np.full(3, inset_u - 1), u, middle])
-        v = np.concatenate([np.arange(3) / 3 * (1 - most_v), v, np.full(2, 1 - inset_v)])
+        u = np.concatenate([np.full(3, inset_u - 1), u, (1 - most_u) * MIDDLE[:3]])
+        v = np.concatenate([np.arange(3) / 3 * (1 - most_v), v, np.full(3, 1 - inset_v)])
         # The other half mirrors all but the middle.
         sides.append((np.concatenate([u, -u[-2::-1]]), np.concatenate([v, v[-2::-1]])))
     (u0, v0), (u1, v1) = sides

@@ -85,7 +85,7 @@ def stretchers(kind: str, front: Leg, rear: Leg, share: float) -> list[Part]:
     if kind == "none":
         return []
     a, b = front.at(share * front.top), rear.at(share * rear.top)
-    size = 0.6 * min(front.size_at(a[2]), rear.size_at(b[2]))
+    size = min(0.6 * min(front.size_at(a[2]), rear.size_at(b[2])), 2 * min(a[2], b[2]))
     section = (size, size)
     parts = both("stretcher {}", beam("", a, b, section, cut="Y"))
     if kind == "H":
@@ -97,23 +97,25 @@ def stretchers(kind: str, front: Leg, rear: Leg, share: float) -> list[Part]:
     return parts
 
 
-def aprons(front: Leg, rear: Leg, height: float) -> list[Part]:
+def aprons(front: Leg, rear: Leg, height: float, under: Plane) -> list[Part]:
     """Boards under the seat between four legs, down to a share of the legs' height."""
     half = 0.25 * min(front.size, rear.size)
     low = [leg.at((1 - height) * leg.top) for leg in (front, rear)]
     high = [leg.at(leg.top) for leg in (front, rear)]
-    parts = both("apron {}", _board(np.array([low, high]), (half, 0, 0)))
+    parts = both("apron {}", _board(np.array([low, high]), (half, 0, 0), under))
     for name, i in (("front", 0), ("rear", 1)):
         rows = [[(-x, y, z), (x, y, z)] for x, y, z in (low[i], high[i])]
-        board = _board(np.array(rows), (0, -half, 0))
+        board = _board(np.array(rows), (0, -half, 0), under)
         parts.append(Part(f"apron {name}", board.vertices, board.faces, board.convex))
     return parts
 
 
-def _board(rows: np.ndarray, half: tuple[float, float, float]) -> Part:
-    """A board round the middle sheet (2, columns, 3), `half` towards the side that it is seen from."""
-    offset = np.array(half)
-    return sheet("", rows + offset, rows - offset)
+def _board(rows: np.ndarray, half: tuple[float, float, float], under: Plane) -> Part:
+    """A board round the middle sheet (2, columns, 3), `half` towards the side that it is seen from, below a plane."""
+    front, back = rows + half, rows - half
+    for face in (front, back):
+        face[1, :, 2] = under.z + under.slope * face[1, :, 1]
+    return sheet("", front, back)
 
 
 def sled(front: Leg, rear: Leg, rear_posts: bool, under: Plane) -> list[Part]:
@@ -132,30 +134,32 @@ def sled(front: Leg, rear: Leg, rear_posts: bool, under: Plane) -> list[Part]:
 
 def fold(front: Leg, rear: Leg, under: Plane) -> list[Part]:
     """Legs that cross at each side, each pair side by side: from the front of the seat to the rear foot, and back."""
-    size = min(front.size, front.head[0] / 2.5)
-    outer = Leg(front.head, (front.foot[0], rear.foot[1]), front.top, size, size * front.foot_size / front.size)
-    inner = Leg(
-        (rear.head[0] - size, rear.head[1]), (rear.foot[0] - size, front.foot[1]), rear.top, size, outer.foot_size
-    )
+    size, taper = min(front.size, front.head[0] / 2.5), front.foot_size / front.size
+    outer = Leg(front.head, (front.foot[0], rear.foot[1]), front.top, size, size * taper)
+    head = (rear.head[0] - size, rear.head[1])
+    foot = (max(rear.foot[0] - size, size * taper / 2), front.foot[1])
+    inner = Leg(head, foot, rear.top, size, size * taper)
     parts = both("leg outer {}", outer.part("", under)) + both("leg inner {}", inner.part("", under))
     for name, leg in (("outer", outer), ("inner", inner)):
         x, y, z = leg.at(0.12 * leg.top)
-        bar = 0.5 * leg.size_at(z)
+        bar = min(0.5 * leg.size_at(z), z)
         parts.append(beam(f"bar {name}", (-x, y, z), (x, y, z), (bar, bar), cut="X"))
     return parts
 
 
-def star(radius: float, arms: int, castors: bool, size: float, under: Plane) -> list[Part]:
-    """A column on arms that reach out along the floor, or over it on castors; the first points to the rear."""
+def star(radius: float, arms: int, castors: bool, size: float, under: Plane, ring: float | None = None) -> list[Part]:
+    """A column on arms that reach out along the floor, or over it on castors; the first points to the rear.
+
+    ring  share of the column's height at which it carries a ring for the feet; None: it has none
+    """
     height = under.at(0)
     arm = min(0.04, 0.15 * height)
     wheel = min(0.03, 0.1 * height) if castors else 0.0
     hub = 2 * wheel + 2 * arm
     tip = 1.8 * wheel + 0.4 * arm  # middle of an arm's end: over a castor, or on the floor
-    start, end = (0.0, 0, hub - 0.6 * arm), (radius, 0, tip)
-    member = beam("", start, end, (1.2 * arm, arm), (0.8 * arm, 0.8 * arm), cut="X")
+    member = beam("", (0, 0, hub - 0.6 * arm), (radius, 0, tip), (1.2 * arm, arm), (0.8 * arm, 0.8 * arm), cut="X")
     wheels = cylinder("", wheel, (radius, -0.6 * wheel, wheel), (radius, 0.6 * wheel, wheel), 10) if castors else None
-    parts = [upright("column", (0, 0), (0, 0), (size, size), (size, size), Plane(hub - arm), under, sides=12)]
+    parts = _column(hub - arm, size, under, ring, 0.7 * radius)
     for i in range(arms):
         turn = rotation("Z", 90 + 360 * i / arms)
         for name, part in (("star arm", member), ("castor", wheels)):
@@ -165,18 +169,22 @@ def star(radius: float, arms: int, castors: bool, size: float, under: Plane) -> 
     return parts
 
 
-def pedestal(radius: float, size: float, under: Plane) -> list[Part]:
-    """A column on a disc that swells towards it."""
+def pedestal(radius: float, size: float, under: Plane, ring: float | None = None) -> list[Part]:
+    """A column on a disc that swells towards it; ring: as of a star."""
     half, height = size / 2, min(0.06, 0.3 * under.at(0))
     profile = [(radius, 0.0), (radius, 0.25 * height), (0.55 * radius + 0.45 * half, 0.45 * height), (half, height)]
-    column = upright("column", (0, 0), (0, 0), (size, size), (size, size), Plane(height), under, sides=16)
-    return [lathe("foot", profile), column]
+    return [lathe("foot", profile), *_column(height, size, under, ring, 0.7 * radius)]
 
 
-def foot_ring(radius: float, share: float, under: Plane) -> list[Part]:
-    """A ring round a column at a share of its height, on two bars through it."""
-    z, bar = share * under.at(0), 0.016
+def _column(low: float, size: float, under: Plane, ring: float | None, radius: float) -> list[Part]:
+    """A round post from z = low, and perhaps a ring round it, on two bars through it."""
+    parts = [upright("column", (0, 0), (0, 0), (size, size), (size, size), Plane(low), under, sides=12)]
+    if ring is None:
+        return parts
+    room = max(under.at(radius) - low, 0.3 * (under.at(0) - low))
+    z, bar = low + ring * room, min(0.016, 0.6 * size)
     return [
+        *parts,
         torus("foot ring", radius, 1.4 * bar, z),
         beam("ring bar across", (-radius, 0, z), (radius, 0, z), (bar, bar), cut="X"),
         beam("ring bar along", (0, -radius, z), (0, radius, z), (bar, bar), cut="Y"),

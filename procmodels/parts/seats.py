@@ -76,9 +76,12 @@ class Seat:
             ring[:, 2] = plane.z + plane.slope * outline[:, 1]
         return loft("seat", rings, convex=True)
 
-    def cushion(self, thickness: float) -> Part:
-        """A domed cushion on top of the slab, a little smaller, pressed into it a hair."""
+    def cushion(self, thickness: float, beside: float = 0.0) -> Part:
+        """A domed cushion on top of the slab, a little smaller, pressed into it a hair; `beside`: width that arms take
+        at each side.
+        """
         outline = self.outline()
+        outline[:, 0] *= 1 - 2 * beside / (self.width * min(self.taper, 1))
         rings = np.empty((len(_CUSHION), len(outline), 3))
         rings[:, :, :2] = _CUSHION[:, 1, None, None] * outline
         height = thickness * _CUSHION[:, 0]
