@@ -17,17 +17,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from recon import net, process
+from recon.system import net, process
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     from procmodels import names
-    from recon.arguments import Parser, number, path, seed, whole
+    from recon.system.arguments import Parser, number, path, seed, whole
 
     p = Parser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
-    photos = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras; "
-    p.add_argument("photos", type=path, metavar="INPUT", help=photos + "a mesh, point cloud, splat or voxel grid")
+    inputs = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras; "
+    p.add_argument("photos", type=path, metavar="INPUT", help=inputs + "a mesh, point cloud, splat or voxel grid")
     p.add_argument(
         "--input", metavar="KIND", help="what INPUT is, when it is taken for something else: mesh, cloud, ..."
     )
@@ -80,7 +80,7 @@ def _command(words: list[str], about: net.About) -> int:
     args = parser().parse_args(words)
     about.what = args.photos
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
-    from recon.arguments import nameable, readable
+    from recon.system.arguments import nameable, readable
 
     for option, given in (
         ("INPUT", args.photos),
@@ -122,30 +122,33 @@ def _joined(argv: list[str]) -> list[str]:
 
 def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
     """Run what fits the input; returns report.json."""
-    from recon import inputs
-    from recon.light_open3d import without_plotting
+    from recon.files import recognise
     from recon.scene import InputError
+    from recon.system.light_open3d import without_plotting
 
     without_plotting()
-    seen = inputs.recognise(args.photos, args.input)
-    if seen.kind in inputs.SHAPES and args.cameras is not None and seen.kind != inputs.Kind.SPLAT:
+    seen = recognise.recognise(args.photos, args.input)
+    if seen.kind in recognise.SHAPES and args.cameras is not None and seen.kind != recognise.Kind.SPLAT:
         raise InputError(f"--cameras belongs to photos, a video or a Gaussian splat; {args.photos} is {seen.what}")
-    if seen.kind in inputs.SHAPES and args.cameras is None:
-        from recon import shape_pipeline  # here, because the photos' stages take a second to load
+    if seen.kind in recognise.SHAPES and args.cameras is None:
+        from recon.pipelines import shape  # here, because the photos' stages take a second to load
 
-        stands = shape_pipeline.ShapeOptions(up=args.up, front=args.front)
-        asked = shape_pipeline.ShapeRunOptions(args.class_name, args.height, args.seed, stands)
-        return shape_pipeline.run(args.photos, out, seen, asked).report_json
+        stands = shape.ShapeOptions(up=args.up, front=args.front)
+        asked = shape.ShapeRunOptions(args.class_name, args.height, args.seed, stands)
+        return shape.run(args.photos, out, seen, asked).report_json
     return _from_views(args, out, seen.kind)
 
 
 def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
     """Run what fits photos, a video or images; returns report.json."""
-    from recon import from_image, inputs, one_mask, pipeline
-    from recon.intrinsics import parse_focal_mm, parse_intrinsics
-    from recon.one_mask import parse_box
-    from recon.poses import PosesOptions
-    from recon.video import VideoOptions
+    from recon.cameras.intrinsics import parse_focal_mm, parse_intrinsics
+    from recon.cameras.sfm_options import PosesOptions
+    from recon.files import recognise
+    from recon.files.video import VideoOptions
+    from recon.masks import single_mask
+    from recon.masks.single_mask import parse_box
+    from recon.pipelines import image, mask_set, photos
+    from recon.pipelines.single_view import ImageOptions
 
     lens = {
         "intrinsics": parse_intrinsics(args.intrinsics) if args.intrinsics else None,
@@ -153,28 +156,29 @@ def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
     }
     both = {"class_name": args.class_name, "height": args.height, "seed": args.seed, **lens}
     box = parse_box(args.box) if args.box else None
-    if from_image.fits(args.photos, kind, args.mask, box, args.pix3d, args.camera_off):
-        doubt = one_mask.checked_doubt(args.camera_off, args.pix3d)
-        options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, doubt=doubt, **both)
-        return from_image.run(args.photos, out, options).report_json
-    photo_options = pipeline.ReconOptions(
+    if image.fits(args.photos, kind, args.mask, box, args.pix3d, args.camera_off):
+        doubt = single_mask.checked_doubt(args.camera_off, args.pix3d)
+        options = ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, doubt=doubt, **both)
+        one = mask_set if args.photos.is_dir() else image
+        return one.run(args.photos, out, options).report_json
+    photo_options = photos.ReconOptions(
         masks=args.masks,
         force=args.force,
         start=args.start,
         cameras=args.cameras,
         allow_outside=args.allow_outside,
-        look_for_cameras=args.input in (None, inputs.Kind.CAMERAS),
+        look_for_cameras=args.input in (None, recognise.Kind.CAMERAS),
         poses=PosesOptions(turntable=args.turntable),
         video=VideoOptions(count=args.frames),
         **both,
     )
-    return pipeline.run(args.photos, out, photo_options).report_json
+    return photos.run(args.photos, out, photo_options).report_json
 
 
 def summary(report: Path) -> str:
     """The few lines that end a run."""
-    from recon.names import shown
-    from recon.result import tried
+    from recon.outputs.result import tried
+    from recon.system.names import shown
 
     r = json.loads(report.read_text())
     values = ", ".join(f"{k} {v if isinstance(v, str) else round(v, 3)}" for k, v in r["params"].items())
