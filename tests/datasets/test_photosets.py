@@ -75,7 +75,7 @@ def test_a_set_is_complete_and_well_shaped(green: tuple[Path, Photoset]) -> None
     np.testing.assert_allclose(np.linalg.det(rotation), 1, atol=1e-9)
     np.testing.assert_allclose(photoset.K[0], [[32 / 36 * 128, 0, 64], [0, 32 / 36 * 128, 48], [0, 0, 1]])
     assert all(Image.open(p).size == (128, 96) for p in (*photoset.photos, *photoset.masks))
-    assert not list(photoset.mesh.parents[2].rglob("*.tmp"))
+    assert not list(photoset.mesh.parents[1].rglob("*.tmp"))
 
 
 def test_the_true_mesh_is_canonical_and_stands_on_the_floor(green: tuple[Path, Photoset]) -> None:
@@ -114,7 +114,7 @@ def test_an_interrupted_run_goes_on(
     green: tuple[Path, Photoset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh, whole = green
-    shutil.copytree(whole.mesh.parents[2], tmp_path / "set.partial")
+    shutil.copytree(whole.mesh.parents[1], tmp_path / "set.partial")
     (tmp_path / "set.partial" / "photos" / "photo_001.jpg").unlink()
     shots = []
 
@@ -140,7 +140,7 @@ def test_an_interrupted_run_goes_on(
 def test_reading_complains_about_what_is_missing(green: tuple[Path, Photoset], tmp_path: Path) -> None:
     with pytest.raises(PhotosetError, match="not a finished photo set"):
         read_photoset(tmp_path)
-    shutil.copytree(green[1].mesh.parents[2], tmp_path / "set")
+    shutil.copytree(green[1].mesh.parents[1], tmp_path / "set")
     (tmp_path / "set" / "truth" / "masks" / "photo_001.png").unlink()
     with pytest.raises(PhotosetError, match=r"photo_001\.png"):
         read_photoset(tmp_path / "set")

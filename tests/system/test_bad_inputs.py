@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from test_inputs import TETRAHEDRON, obj, off, ply, stl
-from test_video import clip
 
 from recon.fitting import shape_fit
 from recon.scene import ReconError
 from run_recon import main
+from tests.files.test_recognise import TETRAHEDRON, obj, off, ply, stl
+from tests.files.test_video import clip
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}
 NO_FACES = np.zeros((0, 3), int)

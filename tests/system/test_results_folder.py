@@ -14,7 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_users_files import content, error_of, laid_out, mask, mesh, photo, quick, run, several, text
 
 import procmodels
 from recon.files import image_library
@@ -24,6 +23,7 @@ from recon.pipelines import out_folder
 from recon.scene import InputError, ReconstructionError
 from recon.system import manifest, names, run_lock, scratch, whole_files
 from tests.made_up import made_up
+from tests.system.test_users_files import content, error_of, laid_out, mask, mesh, photo, quick, run, several, text
 
 ROOT = Path(__file__).parents[2]
 SMALL = OutputsOptions(blender=False, renders=1, render_size=48, thumbnail=60)
