@@ -17,11 +17,12 @@ def main() -> int:
     from recon.fitting import network_starts, silhouette_search
     from recon.outputs import write
     from recon.pipelines import photos
+    from recon.pipelines.stages import Redo
 
     folder, out, masks = map(Path, sys.argv[1:4])
     options = photos.ReconOptions(
         masks=masks,
-        force="--force" in sys.argv,
+        redo=Redo(force="--force" in sys.argv),
         poses=PosesOptions(attempts=1),
         fit=network_starts.FitOptions(size=32, max_views=4, latent=LatentOptions(bank=16, starts=2, keep=1, steps=3)),
         refine=silhouette_search.RefineOptions(size=48, max_views=4, candidates=1),

@@ -85,7 +85,7 @@ def known_models() -> list[Model]:
 
 def key(model: Model) -> list[str]:
     """What a fit of this class depends on beside photos and options: the space, the source of `build`, the weights."""
-    weights = file_digest(model.weights)
+    weights = file_digest(model.weights) if model.weights.is_file() else "none"
     return [model.name, model.space.hash, model.code, weights]
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import logging
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from procmodels import Model
+from recon import scene
 from recon.cameras import intrinsics
 from recon.files.pix3d_camera import read_camera
-from recon.files.recognise import Kind
-from recon.fitting import quality
+from recon.fitting import camera_search, quality, refine, uncertainty
 from recon.fitting.camera_search import FoundView
 from recon.fitting.quality import Verdict
 from recon.fitting.view_search import OneView
@@ -24,12 +23,16 @@ from recon.outputs import write as outputs
 from recon.outputs.result import Result
 from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, out_folder
-from recon.pipelines.single_view import ImageOptions, Searched, search
-from recon.scene import Cameras, InputError, Poses, Silhouettes
-from recon.system import scratch
+from recon.pipelines import checks, class_selection, out_folder, single_view
+from recon.pipelines.single_view import ImageOptions, Searched
+from recon.pipelines.stages import LAST, Stages
+from recon.scene import Cameras, Poses, Silhouettes
+from recon.store import dataclasses_of
+from recon.system.digests import digest_of_input
 
 log = logging.getLogger("recon")
+STAGES = ("mask", "search", LAST)
+KNOWN = (scene, single_mask, camera_search, refine, uncertainty, single_view)  # whose dataclasses are results
 NEARLY = 0.02  # IoU: another camera this near explains the outline as well
 
 
@@ -38,42 +41,30 @@ def run(path: Path, out: Path, options: ImageOptions = ImageOptions()) -> Output
 
     Raises InputError (the user's input or options) or ReconstructionError (no result possible).
     """
+    options.redo.check(STAGES)
     checks.check(options.height, out)
     models = checks.models(options.class_name)
     reads = {"INPUT": path, "--mask": options.mask, "--pix3d": options.pix3d}
-    with out_folder.claimed(out, reads) as work, scratch.folder(work) as own:
-        return _run(path, out, own, models, options)
+    with out_folder.claimed(out, reads) as work:
+        return _run(path, out, work, models, options)
 
 
 def _run(path: Path, out: Path, work: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
     """The stages, one after the other."""
-    seconds = {}
-    started = time.monotonic()
-    log.info("[1/3] mask")
-    masked = single_mask.run(path, work, options.mask, options.box, options.seed)
+    inputs = [digest_of_input(f) for f in (path, options.mask, options.pix3d)]
+    stages = Stages(work, STAGES, dataclasses_of(*KNOWN), [inputs, options.seed], options.redo)
+    masked = stages.run(
+        "mask", [options.box], lambda: single_mask.run(path, work, options.mask, options.box, options.seed)
+    )
     view = _view(path, masked, options)
-    seconds["mask"] = round(time.monotonic() - started, 2)
-    started = time.monotonic()
-    log.info("[2/3] camera and shape")
-    searched = search(models, view, options)
-    seconds["search"] = round(time.monotonic() - started, 2)
-    log.info("[3/3] outputs")
-    result = _result(masked, view, searched, seconds, options)
-    return outputs.run(result, out, options.outputs, searched.model)
-
-
-def fits(path: Path, kind: str, *of_one_image: object) -> bool:
-    """Whether `run` takes an input of this kind; `of_one_image` are the options that only one image takes, or None.
-
-    Raises InputError when such an option is given with another input.
-    """
-    given = any(value is not None for value in of_one_image)
-    one = path.is_file() and kind in (Kind.IMAGE, Kind.MASKS)
-    if given and not one:
-        raise InputError(
-            f"--mask, --box, --pix3d and --camera-off belong to one image, and {path} is not an image file"
-        )
-    return one or kind == Kind.MASKS
+    searched = stages.run(
+        "search",
+        [options.search, options.intrinsics, options.focal_mm, options.doubt, *map(class_selection.key, models)],
+        lambda: single_view.search(models, view, options),
+    )
+    model = next(m for m in models if m.name == searched.class_name)
+    stages.last()
+    return outputs.run(_result(model, masked, view, searched, stages.seconds, options), out, options.outputs, model)
 
 
 def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
@@ -102,7 +93,12 @@ def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
 
 
 def _result(
-    masked: Masked, view: OneView, searched: Searched, seconds: dict[str, float], options: ImageOptions
+    model: Model,
+    masked: Masked,
+    view: OneView,
+    searched: Searched,
+    seconds: dict[str, float],
+    options: ImageOptions,
 ) -> Result:
     """What the outputs need; the world is the camera's frame, or a record's."""
     found, name = searched.found, masked.frames.names
@@ -110,9 +106,9 @@ def _result(
     poses = Poses(cameras, masked.frames.paths, np.zeros((0, 3)), np.zeros((0, 1), bool))
     unknown = () if masked.known is None else (~masked.known,)
     silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool), unknown=unknown)
-    verdict = _judged(quality.run(searched.model, poses, silhouettes, found.refined, 1), view, found)
+    verdict = _judged(quality.run(model, poses, silhouettes, found.refined, 1), view, found)
     return Result(
-        class_name=searched.model.name,
+        class_name=model.name,
         params=found.refined.params,
         frames=masked.frames,
         poses=poses,

@@ -6,9 +6,7 @@ and cameras take turns until the outlines of all views agree. World frame: the c
 
 from __future__ import annotations
 
-import logging
-import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +14,13 @@ from scipy.optimize import minimize
 
 from procmodels import Model
 from procmodels.space import Params
+from recon import scene
 from recon.cameras import intrinsics
 from recon.files import frames
 from recon.files.frames import FramesOptions
 from recon.files.mask_images import BadMask, read_mask
-from recon.fitting import quality
+from recon.files.photo_folder import choose
+from recon.fitting import quality, view_search
 from recon.fitting.refine import Refined
 from recon.fitting.silhouette_bank import shape_bank
 from recon.fitting.view_search import CameraSearchOptions, OneView, View, ViewSearch
@@ -30,28 +30,65 @@ from recon.outputs import write
 from recon.outputs.result import Result
 from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, out_folder, single_view
+from recon.pipelines import checks, class_selection, out_folder, single_view
 from recon.pipelines.single_view import ImageOptions
+from recon.pipelines.stages import LAST, Stages
 from recon.scene import Cameras, Canonical, Frames, InputError, Poses, Silhouettes
-from recon.system import scratch
+from recon.store import dataclasses_of
+from recon.system.folders import digest_of
 
-log = logging.getLogger("recon")
+STAGES = ("masks", "search", LAST)
 FEWEST, MOST = 2, 8
 ROUNDS = 2  # of shape, then cameras
 EVALUATIONS = 60  # of the mean IoU, a round
 
 
+@dataclass(frozen=True)
+class MaskSet:
+    """The masks with what is known of their lenses, and warnings."""
+
+    shot: Frames
+    views: tuple[OneView, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class JointAnswer:
+    """Parameters of the class that explains the first mask best, and a camera about the shape for every mask.
+
+    mean_iou over the views; classes as in single_view.Searched
+    """
+
+    class_name: str
+    params: Params
+    cameras: Cameras
+    mean_iou: float
+    classes: tuple[tuple[str, float], ...]
+
+
 def run(folder: Path, out: Path, options: ImageOptions = ImageOptions()) -> OutputPaths:
     """Reconstruct the object in a folder of 2 to 8 masks (white = object) into the folder `out`. Raises InputError."""
+    options.redo.check(STAGES)
     checks.check(options.height, out)
     models = checks.models(options.class_name)
-    with out_folder.claimed(out, {"INPUT": folder}) as work, scratch.folder(work) as own:
-        return _run(folder, out, own, models, options)
+    with out_folder.claimed(out, {"INPUT": folder}) as work:
+        return _run(folder, out, work, models, options)
 
 
 def _run(folder: Path, out: Path, work: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
     """The stages, one after the other."""
-    started = time.monotonic()
+    inputs = [digest_of(choose(folder).files, folder), options.intrinsics, options.focal_mm, options.seed]
+    stages = Stages(work, STAGES, KNOWN, inputs, options.redo)
+    masks = stages.run("masks", [], lambda: _read(folder, work, options))
+    key = [options.search, *map(class_selection.key, models)]
+    answer = stages.run("search", key, lambda: _searched(models, masks, options))
+    model = next(m for m in models if m.name == answer.class_name)
+    stages.last()
+    return write.run(_result(model, masks, answer, stages.seconds, options), out, options.outputs, model)
+
+
+def _read(folder: Path, work: Path, options: ImageOptions) -> MaskSet:
+    """The masks of a folder. Raises InputError."""
     shot = frames.run(folder, work, FramesOptions(allow_single=True))
     if not FEWEST <= len(shot.names) <= MOST:
         raise InputError(
@@ -59,17 +96,19 @@ def _run(folder: Path, out: Path, work: Path, models: list[Model], options: Imag
             "(one mask: give the file; more: photos with --masks)"
         )
     views, warnings = _views(folder, shot, options)
-    seconds = {"masks": round(time.monotonic() - started, 2)}
-    started = time.monotonic()
-    searched = single_view.search(models, views[0], options)
-    joint = Joint(searched.model, views, searched.found.refined.params, options.search)
+    return MaskSet(shot, tuple(views), tuple(warnings))
+
+
+def _searched(models: list[Model], masks: MaskSet, options: ImageOptions) -> JointAnswer:
+    """Class and shape from the first mask, then shape and cameras from all."""
+    searched = single_view.search(models, masks.views[0], options)
+    model = next(m for m in models if m.name == searched.class_name)
+    joint = Joint(model, list(masks.views), searched.found.refined.params, options.search)
     for _ in range(ROUNDS):
         joint.improve_shape()
         joint.improve_cameras()
-    seconds["search"] = round(time.monotonic() - started, 2)
-    result = _result(joint, shot, warnings, seconds, options)
-    result = replace(result, classes=searched.classes)
-    return write.run(result, out, options.outputs, searched.model)
+    cameras = joint.cameras(masks.shot)
+    return JointAnswer(model.name, joint.params, cameras, joint.iou(joint.params), searched.classes)
 
 
 class Joint:
@@ -148,19 +187,19 @@ def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneV
 
 
 def _result(
-    joint: Joint, shot: Frames, warnings: list[str], seconds: dict[str, float], options: ImageOptions
+    model: Model, masks: MaskSet, answer: JointAnswer, seconds: dict[str, float], options: ImageOptions
 ) -> Result:
-    cameras, n = joint.cameras(shot), len(shot.names)
-    poses = Poses(cameras, shot.paths, np.zeros((0, 3)), np.zeros((0, n), bool))
-    masks = tuple(job.view.mask for job in joint.jobs)
-    unknown = tuple(None if job.view.known is None else ~job.view.known for job in joint.jobs)
-    silhouettes = Silhouettes(shot.names, masks, ("user",) * n, np.ones(n, bool), unknown=unknown)
-    score = joint.iou(joint.params)
-    refined = Refined(joint.params, Canonical(np.eye(4)), score, score, ())
-    verdict = quality.run(joint.model, poses, silhouettes, refined, n)
+    """What the outputs need; the world is the canonical frame."""
+    shot, views, n = masks.shot, masks.views, len(masks.views)
+    poses = Poses(answer.cameras, shot.paths, np.zeros((0, 3)), np.zeros((0, n), bool))
+    unknown = tuple(None if v.known is None else ~v.known for v in views)
+    drawn = tuple(v.mask for v in views)
+    silhouettes = Silhouettes(shot.names, drawn, ("user",) * n, np.ones(n, bool), unknown=unknown)
+    refined = Refined(answer.params, Canonical(np.eye(4)), answer.mean_iou, answer.mean_iou, ())
+    verdict = quality.run(model, poses, silhouettes, refined, n)
     return Result(
-        class_name=joint.model.name,
-        params=joint.params,
+        class_name=model.name,
+        params=answer.params,
         frames=shot,
         poses=poses,
         silhouettes=silhouettes,
@@ -170,10 +209,14 @@ def _result(
         explanation=f"{n} outlines, mean agreement {verdict.mean_iou:.2f} (IoU), their cameras found with the shape",
         alternatives=(),
         seconds=seconds,
-        warnings=(*warnings, *verdict.warnings),
+        warnings=(*masks.warnings, *verdict.warnings),
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
+        classes=answer.classes,
         views="masks",
         placed="estimated",
     )
+
+
+KNOWN = (*dataclasses_of(scene, view_search), MaskSet, JointAnswer)  # what results are made of

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import logging
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
 
 from nnproc.infer import WeightsError, load_network
 from procmodels import Model
@@ -25,14 +21,13 @@ from recon.outputs.result import REGISTERED, Result
 from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
 from recon.pipelines import checks, class_selection, out_folder, photo_source
+from recon.pipelines.stages import LAST, Redo, Stages
 from recon.scene import InputError
-from recon.store import Store, dataclasses_of
-from recon.system.digests import code_version, digest
+from recon.store import dataclasses_of
 from recon.system.folders import digest_of
 
-log = logging.getLogger("recon")
-STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", "outputs")
-T = TypeVar("T")
+STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", LAST)
+KNOWN = (scene, hull, fit, refine, uncertainty, class_selection)  # whose dataclasses are results
 
 
 @dataclass(frozen=True)
@@ -43,8 +38,7 @@ class ReconOptions:
     masks: Path | None = None  # folder of the user's own masks
     height: float | None = None  # real height of the object in metres
     seed: int = 0
-    force: bool = False  # redo every stage
-    start: str | None = None  # redo from this stage on
+    redo: Redo = field(default_factory=Redo)
     cameras: Path | None = None  # a COLMAP model's folder or a transforms.json: where the photos were taken from
     look_for_cameras: bool = True  # in a folder of photos, when `cameras` is None
     allow_outside: bool = False  # the camera file may name images beyond its own folder and INPUT
@@ -77,11 +71,17 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
 def _run(photos: Path, out: Path, work: Path, models: list[Model], options: ReconOptions) -> OutputPaths:
     """The stages, one after the other."""
     source = photo_source.run(
-        photos, work, options.cameras, options.video, options.force, options.look_for_cameras, options.allow_outside
+        photos,
+        work,
+        options.cameras,
+        options.video,
+        options.redo.force,
+        options.look_for_cameras,
+        options.allow_outside,
     )
     if source.cameras:  # two pictures may look alike and yet be taken from two places
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))
-    stages = _Stages(work, options, [source.key, code_version()])
+    stages = Stages(work, STAGES, dataclasses_of(*KNOWN), [source.key, options.seed], options.redo)
 
     shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
     drawn = options.masks or (source.cameras.masks if source.cameras else None)
@@ -119,7 +119,7 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
     )
-    log.info("[8/8] outputs")
+    stages.last()
     return outputs.run(result, out, options.outputs, model)
 
 
@@ -136,7 +136,7 @@ def _placed(
 
 
 def _chosen(
-    stages: _Stages,
+    stages: Stages,
     models: list[Model],
     seen: tuple[scene.Poses, scene.Silhouettes, scene.Canonical],
     solid: hull.Hull,
@@ -163,40 +163,12 @@ def _seeded(options: ReconOptions) -> ReconOptions:
     )
 
 
-class _Stages:
-    """Runs stages through the store; a stage's key covers its options, and the keys and results of all before it."""
-
-    def __init__(self, work: Path, options: ReconOptions, inputs: list[str]) -> None:
-        known = dataclasses_of(scene, hull, fit, refine, uncertainty, class_selection)
-        self.store, self.seconds = Store(work, known), {}  # type: tuple[Store, dict[str, float]]
-        self.chain = digest(inputs, options.seed)
-        if options.force or options.start:
-            self.store.forget(STAGES[0 if options.force else STAGES.index(str(options.start)) :])
-
-    def run(self, name: str, options: Any, compute: Callable[[], T]) -> T:
-        """One stage's result, computed or taken from the store; `seconds` tells what computing it took."""
-        self.chain = digest(self.chain, name, options if isinstance(options, list) else [options])
-        place = f"[{STAGES.index(name) + 1}/{len(STAGES)}] {name}"
-        if (stored := self.store.load(name, self.chain)) is not None:
-            log.info("%s: unchanged, skipped", place)
-            self.seconds[name], self.chain = stored.seconds, digest(self.chain, stored.content)
-            return stored.result
-        log.info("%s", place)
-        self.store.forget([name])  # whose files are about to be replaced
-        started = time.monotonic()
-        result = compute()
-        self.seconds[name] = round(time.monotonic() - started, 2)
-        self.chain = digest(self.chain, self.store.save(name, self.chain, result, self.seconds[name]))
-        return result
-
-
 def _checked(photos: Path, options: ReconOptions) -> list[Model]:
     """The models to try; everything else that can be found wrong before minutes are spent. Raises InputError."""
     photo_source.check(photos, options.cameras)
     if options.masks is not None:
         mask_images.files(options.masks)
-    if options.start is not None and options.start not in STAGES:
-        raise InputError(f"there is no stage {options.start!r}; stages: {', '.join(STAGES)}")
+    options.redo.check(STAGES)
     return _with_weights(options.class_name)
 
 

@@ -1,12 +1,8 @@
-"""From a mesh, point cloud, splat or voxel grid to the same outputs as from photos.
-
-It takes seconds, so that no stage is kept for later runs.
-"""
+"""From a mesh, point cloud, splat or voxel grid to the same outputs as from photos."""
 
 from __future__ import annotations
 
 import logging
-import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,12 +16,17 @@ from recon.outputs import write as outputs
 from recon.outputs.result import Result, ShapeEvidence
 from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, out_folder
+from recon.pipelines import checks, class_selection, out_folder
+from recon.pipelines.stages import LAST, Redo, Stages
 from recon.scene import InputError
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions
+from recon.store import dataclasses_of
+from recon.system.digests import digest_of_input
 
 log = logging.getLogger("recon")
+STAGES = ("shape", "fit", LAST)
+KNOWN = (scene, shape_target, shape_fit)  # whose dataclasses are results
 GOOD, POOR = 0.001, 0.012  # D_chamfer: as good as these models get on real objects; as far as a random shape
 
 
@@ -36,6 +37,7 @@ class ShapeRunOptions:
     class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
     height: float | None = None  # real height of the object in metres
     seed: int = 0
+    redo: Redo = field(default_factory=Redo)
     shape: ShapeOptions = field(default_factory=ShapeOptions)
     fit: shape_fit.ShapeFitOptions = field(default_factory=shape_fit.ShapeFitOptions)
     outputs: outputs.OutputsOptions = field(default_factory=outputs.OutputsOptions)
@@ -45,28 +47,31 @@ def run(path: Path, out: Path, seen: Recognised, options: ShapeRunOptions = Shap
     """Fit the procedural model to a shape. Raises InputError."""
     if path.is_dir():
         raise InputError(f"{path} is a folder; give the file of the shape itself")
+    options.redo.check(STAGES)
     checks.check(options.height, out)
     models = checks.models(options.class_name)
     options = replace(
         options, shape=replace(options.shape, seed=options.seed), fit=replace(options.fit, seed=options.seed)
     )
-    with out_folder.claimed(out, {"INPUT": path}):
-        return _run(path, out, seen, models, options)
+    with out_folder.claimed(out, {"INPUT": path}) as work:
+        return _run(path, out, work, seen, models, options)
 
 
-def _run(path: Path, out: Path, seen: Recognised, models: list[Model], options: ShapeRunOptions) -> OutputPaths:
+def _run(
+    path: Path, out: Path, work: Path, seen: Recognised, models: list[Model], options: ShapeRunOptions
+) -> OutputPaths:
     """The stages, one after the other."""
-    started = time.monotonic()
-    log.info("[1/3] shape")
-    target = shape_target.run(path, seen.kind, seen.what, options.shape)
-    seconds = {"shape": round(time.monotonic() - started, 2)}
-    started = time.monotonic()
-    log.info("[2/3] fit")
-    fits = {model.name: shape_fit.run(model, target, options.fit) for model in models}
-    seconds["fit"] = round(time.monotonic() - started, 2)
+    inputs = [digest_of_input(path), seen.kind, options.seed]
+    stages = Stages(work, STAGES, dataclasses_of(*KNOWN), inputs, options.redo)
+    target = stages.run("shape", options.shape, lambda: shape_target.run(path, seen.kind, seen.what, options.shape))
+    fits = stages.run(
+        "fit",
+        [options.fit, *map(class_selection.key, models)],
+        lambda: {model.name: shape_fit.run(model, target, options.fit) for model in models},
+    )
     best = min(models, key=lambda m: fits[m.name].distance)
-    log.info("[3/3] outputs")
-    return outputs.run(_result(target, best, fits, seconds, options), out, options.outputs, best)
+    stages.last()
+    return outputs.run(_result(target, best, fits, stages.seconds, options), out, options.outputs, best)
 
 
 def _result(

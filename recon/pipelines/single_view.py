@@ -10,6 +10,7 @@ from recon.fitting.camera_search import FoundView, find, first_look
 from recon.fitting.silhouette_bank import load_bank
 from recon.fitting.view_search import CameraSearchOptions, OneView
 from recon.outputs.write import OutputsOptions
+from recon.pipelines.stages import Redo
 
 FINALISTS = 2  # classes that are searched in full when none was named
 
@@ -27,15 +28,16 @@ class ImageOptions:
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
     height: float | None = None  # real height of the object in metres
     seed: int = 0
+    redo: Redo = field(default_factory=Redo)
     search: CameraSearchOptions = field(default_factory=CameraSearchOptions)
     outputs: OutputsOptions = field(default_factory=OutputsOptions)
 
 
 @dataclass(frozen=True)
 class Searched:
-    """The model that explains the image best, its answer, and every class with its IoU when all were tried."""
+    """The class that explains the image best, its answer, and every class with its IoU when all were tried."""
 
-    model: Model
+    class_name: str
     found: FoundView
     classes: tuple[tuple[str, float], ...] = ()
 
@@ -44,10 +46,10 @@ def search(models: list[Model], view: OneView, options: ImageOptions = ImageOpti
     """The answer of the one model, or of the best of several: a short search of each, a full one of the best few."""
     banks = {m.name: load_bank(m, options.search.bank, options.seed) for m in models}
     if len(models) == 1:
-        return Searched(models[0], find(models[0], view, banks[models[0].name], options.search))
+        return Searched(models[0].name, find(models[0], view, banks[models[0].name], options.search))
     scores = {m.name: first_look(m, view, banks[m.name], options.search) for m in models}
     finalists = sorted(models, key=lambda m: -scores[m.name])[:FINALISTS]
     answers = [(m, find(m, view, banks[m.name], options.search)) for m in finalists]
     scores |= {m.name: f.refined.mean_iou for m, f in answers}
     model, found = max(answers, key=lambda a: a[1].refined.mean_iou)
-    return Searched(model, found, tuple(sorted(scores.items(), key=lambda s: -s[1])))
+    return Searched(model.name, found, tuple(sorted(scores.items(), key=lambda s: -s[1])))
