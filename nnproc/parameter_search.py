@@ -1,7 +1,7 @@
 """Find parameters by searching the network's shapes: ranked bank, discrete neighbours, Gauss-Newton on the scalars.
 
 A free latent (nnproc.latent_fit) can leave the shapes that the procedural model makes. Here every candidate is
-SD(PE(p)), so it cannot; measured on Task 4 this is better and faster (README, Table 1).
+SD(PE(p)), so it cannot; measured on Task 4 this is better and faster (docs/results.md, Table 1).
 
 The network draws surface grids, which are half a voxel thicker than the mesh all round, more than the difference
 between two legs. A bank of training shapes knows what the exact meshes look like to the same cameras. Each candidate

@@ -126,4 +126,4 @@ def test_the_readme_prints_the_kept_results():
     root = Path(__file__).parents[2]
     rows = [Table1Row.from_json(r) for r in json.loads((root / "docs/results/table1.json").read_text())]
     assert all(r.shapes <= 300 for r in rows)
-    assert table1_rows.compact(rows) in (root / "README.md").read_text()
+    assert table1_rows.compact(rows) in (root / "docs/results.md").read_text()

@@ -53,7 +53,7 @@ def _line(row: SpeedRow) -> str:
 
 
 def compact(rows: Sequence[SpeedRow]) -> str:
-    """The README's table: every comparison and limit, of each kind of growth the largest; no stages."""
+    """The table of docs/results.md: every comparison and limit, of each kind of growth the largest; no stages."""
     kept = []
     for row, after in zip(rows, [*rows[1:], None], strict=True):
         last = after is None or after.against != row.against

@@ -66,7 +66,7 @@ def print_rows(rows: list[Table1Row], to: TextIO) -> None:
 
 
 def markdown(rows: list[Table1Row]) -> str:
-    """The table alone; README prints the kept results through this."""
+    """The table alone; docs/results.md prints the kept results through this."""
     head = "class grid task method shapes D_chamfer floor excess paper D_voxel_% discrete_right scalar_error s_a_shape"
     names = [h.replace("_", " ") if h != "D_chamfer" else h for h in head.split()]
     lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
@@ -85,7 +85,7 @@ def markdown(rows: list[Table1Row]) -> str:
 
 
 def compact(rows: list[Table1Row]) -> str:
-    """A line a class and task, for the README: ours and refined on / off the grid beside the paper's figure."""
+    """A line a class and task, for docs/results.md: ours and refined on / off the grid beside the paper's figure."""
     names = [
         "class",
         "task",
