@@ -75,9 +75,7 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--grid", action="append", choices=table1.GRIDS, help="on- or off-grid shapes; both")
     parser.add_argument("--variant-steps", type=int, default=options.variant_steps, help="training steps of ablations")
     parser.add_argument("--data", type=Path, default=options.data, help="generated pairs, for training the ablations")
-    parser.add_argument(
-        "--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE"
-    )
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE")
     parser.set_defaults(run=_table1)
 
 
@@ -226,9 +224,7 @@ def _gallery(args: argparse.Namespace) -> int:
 def _speed_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="under a minute: few repeats, no photos")
     parser.add_argument("--repeats", type=int, default=SpeedOptions.repeats, help="turns of every side (5)")
-    parser.add_argument(
-        "--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE"
-    )
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE")
     parser.set_defaults(run=_speed)
 
 

@@ -57,10 +57,11 @@ def way_of(asked: Asked, seen: Recognised) -> Way:
     own = {flag for w in WAYS.values() for flag in w.flags}
     for flag in sorted(own - way.flags):
         if getattr(asked, flag) not in (None, False):
-            takers = [w.name for w in WAYS.values() if flag in w.flags]
+            *others, last = [w.name for w in WAYS.values() if flag in w.flags]
+            belongs = f"{', '.join(others)} or {last}" if others else last
             raise InputError(
                 f"{_option(flag)} is not for {way.name}, and that is what {asked.source} is ({seen.what}); it belongs "
-                f"to {' or '.join(takers)}. Leave it out, or say with --input what INPUT is"
+                f"to {belongs}. Leave it out, or say with --input what INPUT is"
             )
     for one, other in RIVALS:
         if getattr(asked, one) is not None and getattr(asked, other) is not None:

@@ -17,7 +17,11 @@ from recon.system import manifest, run_lock, scratch
 from recon.system.manifest import FILES, FOLDERS, WORK
 from recon.system.whole_files import disk_is_full
 
-_OWN_WORK = (manifest.NAME, run_lock.NAME, publish.STAGING, "frames", "given", "video")  # one of them marks our WORK
+FIRST = ("frames", "shape", "mask", "masks")  # stages, of which each pipeline begins with one
+_OWN_WORK = (  # one of them marks our WORK
+    *(manifest.NAME, run_lock.NAME, publish.STAGING, "frames", "given", "video"),
+    *(f"{stage}.json" for stage in FIRST),
+)
 _NOBODYS = {"thumbs.db", "desktop.ini"}  # file browsers leave them everywhere, besides hidden files
 _ELSEWHERE = "choose another folder with --out"
 

@@ -294,7 +294,7 @@ def test_a_zip_bomb_of_3mf(tmp_path):
 BLENDER = """
 import sys, bpy, numpy as np
 sys.path.insert(0, sys.argv[1])
-from shape_makers import VERTICES, CHAIR
+from tests.shape_makers import VERTICES, CHAIR
 bpy.ops.wm.read_factory_settings(use_empty=True)
 mesh = bpy.data.meshes.new("chair")
 mesh.from_pydata((VERTICES + (1, 0, 0)).tolist(), [], CHAIR.tolist())
@@ -318,7 +318,7 @@ def test_what_blender_writes(tmp_path):
     import sys
     from pathlib import Path
 
-    here = str(Path(__file__).parent)
+    here = str(Path(__file__).parents[2])
     subprocess.run([sys.executable, "-c", BLENDER, here, str(tmp_path)], check=True, capture_output=True, timeout=300)
     for ending in ("usda", "usdc", "usdz", "abc", "fbx", "blend"):
         path = tmp_path / f"chair.{ending}"

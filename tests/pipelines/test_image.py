@@ -21,7 +21,7 @@ from recon.geometry.raster import iou, silhouettes
 from recon.geometry.view_geometry import guessed_K, touching
 from recon.masks import single_mask
 from recon.outputs.write import OutputsOptions
-from recon.pipelines import image, mask_set
+from recon.pipelines import image, mask_set, single_view
 from recon.pipelines.single_view import ImageOptions
 from recon.scene import InputError
 
@@ -301,7 +301,7 @@ def test_a_box_is_four_numbers():
 
 
 def test_a_mask_alone_ends_in_all_outputs(chair, bank, tmp_path, monkeypatch):
-    monkeypatch.setattr(image, "load_bank", lambda *_: bank)
+    monkeypatch.setattr(single_view, "load_bank", lambda *_: bank)
     mask, K, pose = _drawn(chair, 30, 20)
     path = _saved(mask, tmp_path / "0007.png")
     (tmp_path / "pix3d.json").write_text(json.dumps([_record(K, pose)]))

@@ -158,7 +158,7 @@ def test_cameras_belong_to_photos_and_splats(tmp_path, capsys):
     trimesh.creation.box().export(tmp_path / "box.obj")
     file = transforms(tmp_path / "transforms.json", circle(2))
     assert main([str(tmp_path / "box.obj"), "--cameras", str(file), "--out", str(tmp_path / "out")]) == 2
-    assert "--cameras belongs to" in capsys.readouterr().err
+    assert "--cameras is not for a mesh" in capsys.readouterr().err
 
 
 def test_what_a_splat_needs_is_named(tmp_path, rng):

@@ -19,7 +19,7 @@ import trimesh
 from recon.files import frames, video
 from recon.outputs import publish
 from recon.outputs.write import OutputsOptions, _paths
-from recon.pipelines import image, mask_set, photo_source, shape
+from recon.pipelines import image, mask_set, photo_source, photos, shape
 from run_recon import main
 
 Content = Callable[[Path], object]
@@ -279,11 +279,11 @@ def quick(tmp_path, monkeypatch):
         read.append(names)
         return _paths(out, OutputsOptions())
 
-    def photos(source, out, work, models, options):
+    def by_photos(source, out, work, models, options):
         found = photo_source.run(source, work, options.cameras, video.VideoOptions())
         return results(out, frames.run(found.folder, work, frames.FramesOptions(allow_single=True)).names)
 
-    monkeypatch.setattr(photos, "_run", photos)
+    monkeypatch.setattr(photos, "_run", by_photos)
     monkeypatch.setattr(shape, "_run", lambda path, out, *_: results(out, ()))
     monkeypatch.setattr(image, "_run", lambda path, out, *_: results(out, (path.name,)))
     monkeypatch.setattr(mask_set, "_run", lambda path, out, *_: results(out, ("a", "b")))
@@ -373,7 +373,12 @@ def test_the_whole_command_beside_the_users_files(tmp_path, monkeypatch, caplog)
     Path("x/mesh.obj").rename("x/mine.obj")
     assert run("x/mine.obj --class table --out x --up z --front -y") == 0
     assert not Path("x/masks").exists(), "a mesh has none, and those were the last run's"
-    assert [p.name for p in Path("x/.recon").iterdir()] == ["manifest.json"]
+    kept = {
+        "frames",
+        "manifest.json",
+        *(f"{s}.{e}" for s in ("shape", "fit", "mask", "search") for e in ("json", "npz")),
+    }
+    assert {p.name for p in Path("x/.recon").iterdir()} == kept, "nothing half done"
 
 
 def test_enough_layouts():
