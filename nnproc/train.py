@@ -214,7 +214,7 @@ def score(network: NNProc, pairs: Pairs) -> dict[str, float]:
     right = network.codec.discrete_right(values, vectors)
     return {
         "task1_d_voxel": float(100 * (grids_from_params(network, vectors) ^ grids).mean()),
-        "task2_discrete_accuracy": float(right.float().mean()),
+        "task2_discrete_accuracy": network.codec.discrete_accuracy(values, vectors),
         "task2_all_discrete_right": float(right.all(1).float().mean()),
         "task2_scalar_error": float(network.codec.scalar_error(values, vectors).mean()),
     }
