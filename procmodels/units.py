@@ -46,4 +46,5 @@ OF_HEIGHT = Unit("of height", MODEL)
 METRES = Unit("metres", MODEL)
 DEGREES = Unit("degrees")
 RATIO = Unit("ratio")
+WIDE = Unit("ratio", MODEL)  # width beside a height of 1
 SHARE = Unit("share")

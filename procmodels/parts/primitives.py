@@ -51,12 +51,15 @@ def box(name: str, low: Point, high: Point, bevel: float = 0.0, matrix: np.ndarr
     The rounding is that of Blender's bevel of two segments: arcs along the edges, at each corner a point of a sphere.
     """
     near, far = np.array(low, float), np.array(high, float)
+    # In the single precision of Blender's meshes: a plane on the border between two layers of voxels falls into the
+    # layer that networks know which were trained on them.
+    middle, size = ((near + far) / 2).astype(np.float32), (far - near).astype(np.float32)
     if bevel:
         signs, depths, faces = bevelled_cube()
-        bevel = min(bevel, float((far - near).min()) / 2)
-        part = Part(name, (near + far) / 2 + signs * ((far - near) / 2 - bevel * depths), faces, convex=True)
+        bevel = min(bevel, float(size.min()) / 2)
+        part = Part(name, (middle + signs * (size / 2)) - bevel * (signs * depths), faces, convex=True)
     else:
-        part = Part(name, near + (far - near) * CUBE, CUBE_FACES, convex=True)
+        part = Part(name, (middle + CUBE * size).astype(float), CUBE_FACES, convex=True)
     return part if matrix is None else part.moved(matrix)
 
 

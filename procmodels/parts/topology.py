@@ -12,8 +12,8 @@ from procmodels.shape import Polygon
 
 # For a section across an axis: the two other axes, so that first x second points along it.
 ACROSS = {"X": (1, 2), "Y": (2, 0), "Z": (0, 1)}
-# Corners of a cube in the order 4 x + 2 y + z, and its sides.
-CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
+# Corners of a cube of side 1 in the order 4 x + 2 y + z, and its sides.
+CUBE = np.array(list(product((-0.5, 0.5), repeat=3)), np.float32)
 CUBE_FACES: tuple[Polygon, ...] = ((0, 1, 3, 2), (2, 3, 7, 6), (6, 7, 5, 4), (4, 5, 1, 0), (2, 6, 4, 0), (7, 3, 1, 5))
 _SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
@@ -108,7 +108,7 @@ def bevelled_cube() -> tuple[np.ndarray, np.ndarray, tuple[Polygon, ...]]:
             faces += [(low + k, high + k, high + 3 + axis, low + 3 + axis) for k in strips]
     for corner in range(0, 56, 7):
         faces += [(corner + a, corner + 3 + (a + 1) % 3, corner + 6, corner + 3 + (a + 2) % 3) for a in range(3)]
-    signs = np.repeat(corners, 7, axis=0)
+    signs = np.repeat(corners, 7, axis=0).astype(np.float32)
     return signs, depths, tuple(_outward(f, signs * (2 - depths)) for f in faces)
 
 
