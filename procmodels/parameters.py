@@ -8,7 +8,7 @@ group    where people look for it: "seat", "legs", "back", ...
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -212,3 +212,8 @@ class Flag:
 
     def describe(self) -> str:
         return "true or false"
+
+
+def grouped(group: str, *parameters: Parameter) -> tuple[Parameter, ...]:
+    """The parameters, with the group that people look for them in."""
+    return tuple(replace(p, group=group) for p in parameters)  # type: ignore[type-var]

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from procmodels.conditions import when
+from procmodels.parameters import grouped
 from procmodels.parts import arms as arm_parts
 from procmodels.parts import backs, legs
 from procmodels.parts.arms import Arms
@@ -27,341 +28,82 @@ from procmodels.parts.primitives import LEVEL, Plane
 from procmodels.parts.seats import Seat
 from procmodels.shape import Part
 from procmodels.space import Choice, Flag, Geometric, Integer, Params, ParamSpace, Scalar
-from procmodels.units import DEGREES, SHARE, of_parameter
+from procmodels.units import DEGREES, SHARE, Unit, of_parameter
 
 SEAT_HEIGHT = 0.52
+THICKEST = 0.08  # of legs
 
-FOUR, LEGGED = when("base").is_("four"), when("base").among("four", "sled", "fold")
-COLUMN = when("base").among("star", "pedestal")
-BACK, ARMS = when("back").not_("none"), when("arms").not_("none")
 FRAMED = ("vbars", "splat", "cross", "frame")
-OF_SEAT_HEIGHT, OF_DEPTH = of_parameter("seat_height"), of_parameter("depth")
 
-SPACE = ParamSpace(
-    "chair",
-    (
-        Geometric(
-            "width", 0.24, 1.6, usual=(0.58, 0.14), about="of the seat's front edge, over the arms", group="seat"
-        ),
-        Geometric("depth", 0.26, 1.15, usual=(0.56, 0.1), about="of the seat", group="seat"),
-        Scalar(
-            "seat_height",
-            0.2,
-            0.88,
-            only_if=BACK,
-            usual=(SEAT_HEIGHT, 0.07),
-            group="seat",
-            about="top of the seat, with its cushion, at the front",
-        ),
-        Geometric(
-            "seat_thickness", 0.025, 0.35, unit=OF_SEAT_HEIGHT, usual=(0.1, 0.06), group="seat", about="of the slab"
-        ),
-        Scalar(
-            "seat_round",
-            0.0,
-            1.0,
-            unit=SHARE,
-            usual=(0.1, 0.25),
-            group="seat",
-            about="outline from rectangle (0) to ellipse (1)",
-        ),
-        Scalar(
-            "seat_taper",
-            0.6,
-            1.15,
-            unit=of_parameter("width"),
-            usual=(0.9, 0.1),
-            group="seat",
-            about="width of the seat's rear edge",
-        ),
-        Scalar(
-            "seat_drop",
-            0.0,
-            0.38,
-            unit=SHARE,
-            usual=(0.04, 0.06),
-            group="seat",
-            about="how much lower the seat is at the rear, of its height or depth, whichever is less",
-        ),
-        Scalar(
-            "seat_cushion",
-            0.0,
-            0.22,
-            unit=OF_SEAT_HEIGHT,
-            usual=(0.0, 0.08),
-            absent=0.6,
-            group="seat",
-            about="thickness of a cushion on the slab, 0: none",
-        ),
-        Choice(
-            "base",
-            ("four", "star", "sled", "fold", "pedestal", "panel"),
-            usual=(56, 30, 4, 4.5, 2, 3),
-            about="what the seat stands on",
-            group="base",
-        ),
-        Geometric(
-            "leg_thickness",
-            0.012,
-            0.09,
-            usual=(0.045, 0.015),
-            group="base",
-            about="of legs at their upper ends, of a column, of side boards",
-        ),
-        Scalar(
-            "leg_taper",
-            0.35,
-            1.2,
-            unit=SHARE,
-            only_if=when("base").among("four", "fold"),
-            usual=(0.8, 0.2),
-            about="thickness of a leg's foot beside its upper end",
-            group="base",
-        ),
-        Scalar(
-            "splay_side",
-            -3.0,
-            18.0,
-            unit=DEGREES,
-            only_if=LEGGED,
-            usual=(3.0, 4.0),
-            group="base",
-            about="how far the feet stand out to the sides",
-        ),
-        Scalar(
-            "splay_front",
-            -6.0,
-            18.0,
-            unit=DEGREES,
-            only_if=LEGGED,
-            usual=(2.0, 4.0),
-            group="base",
-            about="how far the front feet stand forwards",
-        ),
-        Scalar(
-            "splay_rear",
-            -6.0,
-            25.0,
-            unit=DEGREES,
-            only_if=LEGGED,
-            usual=(7.0, 6.0),
-            group="base",
-            about="how far the rear feet stand backwards",
-        ),
-        Scalar(
-            "leg_inset",
-            0.0,
-            0.5,
-            unit=SHARE,
-            only_if=FOUR,
-            usual=(0.04, 0.08),
-            group="base",
-            about="of the legs from the seat's corners, of the way to its middle",
-        ),
-        Scalar(
-            "apron",
-            0.0,
-            0.9,
-            unit=SHARE,
-            only_if=when("base").among("four", "panel"),
-            usual=(0.0, 0.15),
-            absent=0.65,
-            about="boards under the seat, of the height below it, 0: none",
-            group="base",
-        ),
-        Choice(
-            "stretchers",
-            ("none", "sides", "H", "box"),
-            only_if=FOUR,
-            usual=(55, 12, 15, 18),
-            group="base",
-            about="bars between the legs",
-        ),
-        Flag("foot_ring", only_if=COLUMN, usual=0.1, about="a ring round the column for the feet", group="base"),
-        Scalar(
-            "stretcher_height",
-            0.08,
-            0.8,
-            unit=SHARE,
-            usual=(0.35, 0.15),
-            group="base",
-            only_if=when("stretchers").not_("none") | when("foot_ring").is_(True),
-            about="of stretchers or the foot ring, of the height below the seat",
-        ),
-        Flag(
-            "rear_posts",
-            only_if=when("base").is_("sled"),
-            usual=0.5,
-            group="base",
-            about="rear posts on the runners; without them the seat hangs from the front (cantilever)",
-        ),
-        Scalar(
-            "base_radius",
-            0.16,
-            0.42,
-            only_if=COLUMN,
-            usual=(0.3, 0.05),
-            group="base",
-            about="of the star or the disc on the floor",
-        ),
-        Integer(
-            "base_arms",
-            3,
-            6,
-            only_if=when("base").is_("star"),
-            usual=(2, 12, 80, 1),
-            group="base",
-            about="arms of the star",
-        ),
-        Flag("castors", only_if=when("base").is_("star"), usual=0.85, about="wheels under the star", group="base"),
-        Choice(
-            "back",
-            ("none", "panel", "shell", "hbars", "vbars", "splat", "cross", "frame"),
-            usual=(8, 54, 10, 8, 9, 6, 1, 4),
-            about="what the sitter leans on",
-            group="back",
-        ),
-        Scalar(
-            "back_width",
-            0.45,
-            1.0,
-            unit=SHARE,
-            only_if=BACK,
-            usual=(0.93, 0.08),
-            group="back",
-            about="of the seat's width at the rear",
-        ),
-        Scalar(
-            "back_rake",
-            -2.0,
-            40.0,
-            unit=DEGREES,
-            only_if=BACK,
-            usual=(10.0, 6.0),
-            group="back",
-            about="how far its lower half leans",
-        ),
-        Scalar(
-            "back_bend",
-            -15.0,
-            20.0,
-            unit=DEGREES,
-            only_if=BACK,
-            usual=(4.0, 6.0),
-            group="back",
-            about="how much more its upper end leans",
-        ),
-        Scalar(
-            "back_wrap",
-            0.0,
-            0.65,
-            unit=OF_DEPTH,
-            only_if=BACK,
-            usual=(0.06, 0.1),
-            group="back",
-            about="how far its sides come forward",
-        ),
-        Scalar(
-            "back_gap",
-            0.0,
-            0.7,
-            unit=SHARE,
-            only_if=BACK & when("back").not_("shell"),
-            usual=(0.0, 0.25),
-            absent=0.5,
-            about="from the seat to its lower edge, of its height",
-            group="back",
-        ),
-        Scalar(
-            "back_round",
-            0.0,
-            1.0,
-            unit=SHARE,
-            only_if=when("back").among("panel", "shell", *FRAMED),
-            usual=(0.2, 0.25),
-            about="upper corners from square (0) to a hoop (1)",
-            group="back",
-        ),
-        Integer(
-            "back_bars",
-            1,
-            8,
-            only_if=when("back").among("hbars", "vbars"),
-            usual=(1, 2, 3, 3, 2, 2, 1, 1),
-            about="number of bars",
-            group="back",
-        ),
-        Scalar(
-            "bar_width",
-            0.08,
-            0.8,
-            unit=SHARE,
-            only_if=when("back").among("hbars", "vbars", "splat"),
-            usual=(0.35, 0.15),
-            about="of the room that each bar has",
-            group="back",
-        ),
-        Geometric(
-            "back_thickness",
-            0.02,
-            0.35,
-            unit=OF_DEPTH,
-            only_if=BACK,
-            usual=(0.065, 0.05),
-            group="back",
-            about="of its boards, posts and rails",
-        ),
-        Scalar(
-            "back_cushion",
-            0.0,
-            0.25,
-            unit=OF_DEPTH,
-            only_if=BACK,
-            usual=(0.0, 0.08),
-            absent=0.8,
-            group="back",
-            about="thickness of a cushion before the back, 0: none",
-        ),
-        Choice(
-            "arms",
-            ("none", "posts", "pads", "panel", "wrap"),
-            only_if=BACK,
-            usual=(57, 8, 23, 8, 4),
-            about="rails on posts, pads, boards, or walls that go on from the back",
-            group="arms",
-        ),
-        Scalar(
-            "arm_height",
-            0.15,
-            1.0,
-            unit=SHARE,
-            only_if=ARMS,
-            usual=(0.45, 0.12),
-            group="arms",
-            about="above the seat, of the back's height",
-        ),
-        Geometric(
-            "arm_size",
-            0.03,
-            0.24,
-            unit=of_parameter("width"),
-            only_if=ARMS,
-            usual=(0.08, 0.04),
-            group="arms",
-            about="width of each arm",
-        ),
-        Scalar(
-            "arm_length",
-            0.4,
-            1.0,
-            unit=SHARE,
-            only_if=ARMS,
-            usual=(0.92, 0.12),
-            group="arms",
-            about="from the rear, of the seat's depth",
-        ),
-    ),
+# When parameters do something.
+FOUR, LEGGED = when("base").is_("four"), when("base").among("four", "sled", "fold")
+TAPERED, BOARDED = when("base").among("four", "fold"), when("base").among("four", "panel")
+COLUMN = when("base").among("star", "pedestal")
+BARRED = when("stretchers").not_("none") | when("foot_ring").is_(True)
+BACK, ARMS = when("back").not_("none"), when("arms").not_("none")
+GAPPED, TOPPED = when("back").not_("none", "shell"), when("back").among("panel", "shell", *FRAMED)
+BARS, SPLAT = when("back").among("hbars", "vbars"), when("back").is_("splat")
+
+OF_SEAT_HEIGHT, OF_DEPTH, OF_WIDTH = of_parameter("seat_height"), of_parameter("depth"), of_parameter("width")
+OF_LESS = Unit("of seat height or depth, whichever is less")
+OF_BELOW, OF_BACK = Unit("of the height below the seat"), Unit("of the back's height")
+APRON = "boards under the seat; 0: none"
+
+_SEAT = grouped(
+    "seat",
+    Geometric("width", 0.26, 1.6, usual=(0.58, 0.14), about="of the seat's front edge, over the arms"),
+    Geometric("depth", 0.26, 1.15, usual=(0.56, 0.1), about="of the seat"),
+    Scalar("seat_height", 0.2, 0.88, only_if=BACK, usual=(SEAT_HEIGHT, 0.07), about="its top, at the front"),
+    Geometric("seat_thickness", 0.025, 0.35, unit=OF_SEAT_HEIGHT, usual=(0.1, 0.06), about="of the slab"),
+    Scalar("seat_round", 0.0, 1.0, unit=SHARE, usual=(0.1, 0.25), about="from rectangle (0) to ellipse (1)"),
+    Scalar("seat_taper", 0.6, 1.15, unit=OF_WIDTH, usual=(0.9, 0.1), about="width of the seat's rear edge"),
+    Scalar("seat_drop", 0.0, 0.38, unit=OF_LESS, usual=(0.04, 0.06), about="how much lower the seat is at the rear"),
+    Scalar("seat_cushion", 0.0, 0.22, unit=OF_SEAT_HEIGHT, usual=(0.0, 0.08), absent=0.6, about="on the slab; 0: none"),
 )
+_BASE = grouped(
+    "base",
+    Choice("base", ("four", "star", "sled", "fold", "pedestal", "panel"), usual=(56, 30, 4, 4.5, 2, 3)),
+    Geometric(
+        "leg_thickness", 0.012, THICKEST, usual=(0.045, 0.015), about="of legs at the top, a column, side boards"
+    ),
+    Scalar("leg_taper", 0.35, 1.0, unit=SHARE, only_if=TAPERED, usual=(0.8, 0.2), about="foot beside upper end"),
+    Scalar("splay_side", -3.0, 18.0, unit=DEGREES, only_if=LEGGED, usual=(3.0, 4.0), about="feet out to the sides"),
+    Scalar("splay_front", -6.0, 18.0, unit=DEGREES, only_if=LEGGED, usual=(2.0, 4.0), about="front feet forwards"),
+    Scalar("splay_rear", -6.0, 25.0, unit=DEGREES, only_if=LEGGED, usual=(7.0, 6.0), about="rear feet backwards"),
+    Scalar("leg_inset", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="from the corners to the middle"),
+    Scalar("apron", 0.0, 0.9, unit=OF_BELOW, only_if=BOARDED, usual=(0.0, 0.15), absent=0.65, about=APRON),
+    Choice("stretchers", ("none", "sides", "H", "box"), FOUR, usual=(55, 12, 15, 18), about="bars between the legs"),
+    Flag("foot_ring", COLUMN, usual=0.1, about="a ring round the column for the feet"),
+    Scalar("stretcher_height", 0.08, 0.8, unit=OF_BELOW, only_if=BARRED, usual=(0.35, 0.15), about="or of the ring"),
+    Flag("rear_posts", when("base").is_("sled"), usual=0.5, about="without them the seat hangs from the front"),
+    Scalar("base_radius", 0.16, 0.42, only_if=COLUMN, usual=(0.3, 0.05), about="of the star or disc on the floor"),
+    Integer("base_arms", 3, 6, when("base").is_("star"), usual=(2, 12, 80, 1), about="of the star"),
+    Flag("castors", when("base").is_("star"), usual=0.85, about="wheels under the star"),
+)
+_BACK = grouped(
+    "back",
+    Choice("back", ("none", "panel", "shell", "hbars", *FRAMED), usual=(8, 54, 10, 8, 9, 6, 1, 4)),
+    Scalar("back_width", 0.45, 1.0, unit=SHARE, only_if=BACK, usual=(0.93, 0.08), about="of the seat's at the rear"),
+    Scalar("back_rake", -2.0, 40.0, unit=DEGREES, only_if=BACK, usual=(10.0, 6.0), about="how far it leans"),
+    Scalar("back_bend", -15.0, 20.0, unit=DEGREES, only_if=BACK, usual=(4.0, 6.0), about="how much more at the top"),
+    Scalar("back_wrap", 0.0, 0.65, unit=OF_DEPTH, only_if=BACK, usual=(0.06, 0.1), about="its sides, forwards"),
+    Scalar("back_gap", 0.0, 0.7, unit=OF_BACK, only_if=GAPPED, usual=(0.0, 0.25), absent=0.5, about="above the seat"),
+    Scalar(
+        "back_round", 0.0, 1.0, unit=SHARE, only_if=TOPPED, usual=(0.2, 0.25), about="square corners (0) to hoop (1)"
+    ),
+    Integer("back_bars", 1, 8, BARS, usual=(1, 2, 3, 3, 2, 2, 1, 1), about="number of bars"),
+    Scalar("bar_width", 0.08, 0.8, unit=SHARE, only_if=BARS | SPLAT, usual=(0.35, 0.15), about="of each bar's room"),
+    Geometric("back_thickness", 0.02, 0.35, unit=OF_DEPTH, only_if=BACK, usual=(0.065, 0.05), about="and of its posts"),
+    Scalar("back_cushion", 0.0, 0.25, unit=OF_DEPTH, only_if=BACK, usual=(0.0, 0.08), absent=0.8, about="0: none"),
+)
+_ARMS = grouped(
+    "arms",
+    Choice("arms", ("none", "posts", "pads", "panel", "wrap"), BACK, usual=(57, 8, 23, 8, 4)),
+    Scalar("arm_height", 0.15, 1.0, unit=OF_BACK, only_if=ARMS, usual=(0.45, 0.12), about="above the seat"),
+    Geometric("arm_size", 0.03, 0.24, unit=OF_WIDTH, only_if=ARMS, usual=(0.08, 0.04), about="width of each arm"),
+    Scalar("arm_length", 0.4, 1.0, unit=OF_DEPTH, only_if=ARMS, usual=(0.92, 0.12), about="from the rear"),
+)
+SPACE = ParamSpace("chair", (*_SEAT, *_BASE, *_BACK, *_ARMS))
 
 # Of real ones: IKEA-Manuals-at-Work, and Sweet Home 3D's Scopia and BlendSwap-CC-0 catalogues.
 USUAL_DEPTH = (0.08, 0.2)
@@ -407,23 +149,22 @@ def _base(p: Any, seat: Seat) -> list[Part]:
         return legs.pedestal(p.base_radius, size, under, ring)
     inset = p.leg_inset if p.base == "four" else 0.0
     taper = p.leg_taper if p.base in ("four", "fold") else 1.0
-    front = _leg(seat, seat.front, -p.splay_front, p, inset, taper)
-    rear = _leg(seat, seat.rear, p.splay_rear, p, inset, taper)
+    # Under the narrowest seats the thickest legs would stand in each other.
+    size *= min(1.0, 0.9 * min(seat.corner_width(seat.front), seat.corner_width(seat.rear)) / THICKEST)
+
+    def leg(y: float, lean: float) -> Leg:
+        """Below the seat's corner at y, or nearer to the middle; its foot leans so many degrees away from it."""
+        x, y_in = (size / 2 + (room - size) * (1 - inset) for room in (seat.corner_width(y), abs(y)))
+        slopes = (math.tan(math.radians(p.splay_side)), math.tan(math.radians(lean)))
+        return Leg.under(under, (x, math.copysign(y_in, y)), slopes, size, taper)
+
+    front, rear = leg(seat.front, p.splay_front), leg(seat.rear, p.splay_rear)
     if p.base == "sled":
         return legs.sled(front, rear, p.rear_posts, under)
     if p.base == "fold":
         return legs.fold(front, rear, under)
     bars = legs.stretchers(p.stretchers, front, rear, p.stretcher_height)
     return legs.four(front, rear, under) + bars + (legs.aprons(front, rear, p.apron, under) if p.apron > LEAST else [])
-
-
-def _leg(seat: Seat, y: float, lean: float, p: Any, inset: float, taper: float) -> Leg:
-    """A leg below the seat's corner at y, or nearer to the middle; `lean`: degrees that its foot is to the rear."""
-    half = p.leg_thickness / 2
-    x = half + (seat.corner_width(y) - 2 * half) * (1 - inset)
-    inner = half + (abs(y) - 2 * half) * (1 - inset)
-    slopes = (math.tan(math.radians(p.splay_side)), math.tan(math.radians(lean)))
-    return Leg.under(seat.under, (x, math.copysign(inner, y)), slopes, p.leg_thickness, taper)
 
 
 def _side(seat: Seat, front: float, rear: float) -> Side:

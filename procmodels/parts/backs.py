@@ -68,13 +68,13 @@ class Back:
     @cached_property
     def rail(self) -> float:
         """The same of the back's height."""
-        return min(self.thickness / self.height, 0.35 * (1 - self.gap))
+        return min(self.thickness / self.height, 0.2 * (1 - self.gap))
 
     @cached_property
     def corner(self) -> tuple[float, float]:
         """Radii of the upper corners in u and v."""
         u = 0.02 + 0.97 * self.roundness
-        return u, min(u * self.width / 2 / self.height, 0.85 * (1 - self.gap))
+        return u, min(u * self.width / 2 / self.height, 0.6 * (1 - self.gap))
 
     def end(self, u: np.ndarray) -> np.ndarray:
         """v of the upper edge at u."""

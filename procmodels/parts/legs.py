@@ -24,6 +24,7 @@ from procmodels.parts.primitives import (
 from procmodels.shape import Part
 
 Place = tuple[float, float]  # x, y
+INWARDS = 0.11  # the most that feet lean inwards, of their height
 
 
 @dataclass(frozen=True)
@@ -38,15 +39,17 @@ class Leg:
 
     @staticmethod
     def under(plane: Plane, head: Place, lean: tuple[float, float], size: float, taper: float) -> Leg:
-        """A leg below a plane; `lean` is how far the foot stands outwards and backwards of the head, of its height.
+        """A leg below a plane; `lean` is how far the foot stands outwards and away from the middle, of its height.
 
-        Feet never cross the middle, however they lean.
+        Feet that lean inwards never cross the middle: where there is little room they lean less.
         """
         height, foot_size = plane.at(head[1]), size * taper
-        x = max(head[0] + lean[0] * height, foot_size / 2)
-        y = head[1] + lean[1] * height
-        y = math.copysign(max(math.copysign(y, y * head[1]), foot_size / 2), head[1])
-        return Leg(head, (x, y), height, size, foot_size)
+        foot = []
+        for place, slope in zip((head[0], abs(head[1])), lean, strict=True):
+            if slope < 0:
+                slope *= min(1.0, max(place - foot_size / 2, 0.0) / (INWARDS * height))
+            foot.append(place + slope * height)
+        return Leg(head, (foot[0], math.copysign(foot[1], head[1])), height, size, foot_size)
 
     def at(self, z: float) -> tuple[float, float, float]:
         """The middle at a height."""

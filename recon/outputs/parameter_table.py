@@ -22,9 +22,8 @@ def table(asset: Asset, values: dict[str, Any], sure: dict[str, Any]) -> str:
             if p.name in active:
                 rows.append(_row(p, values[p.name], asset.lengths.get(p.name), sure.get(p.name, {})))
             else:
-                rows.append(
-                    f"<tr class=idle><th>{escape(spaced(p.name))}</th><td>&ndash;</td><td>only if {escape(_if(p))}</td></tr>"
-                )
+                when = escape(spaced(str(p.only_if)))
+                rows.append(f"<tr class=idle><th>{escape(spaced(p.name))}</th><td></td><td>only if {when}</td></tr>")
     return f"<table class=parameters>{''.join(rows)}</table>"
 
 
@@ -58,10 +57,6 @@ def _row(p: Parameter, value: Any, metres: float | None, about: dict[str, Any]) 
         where += f" <small>{100 * about['chance']:.0f} % sure, else {escape(_plain(about['rival']))}</small>"
     title = f' title="{escape(p.about)}"' if p.about else ""
     return f"<tr><th{title}>{escape(spaced(p.name))}</th><td>{shown}</td><td>{where}</td></tr>"
-
-
-def _if(p: Parameter) -> str:
-    return spaced(str(p.only_if))
 
 
 def _plain(value: Any) -> str:
