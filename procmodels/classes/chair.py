@@ -31,7 +31,7 @@ from procmodels.space import Choice, Flag, Geometric, Integer, Params, ParamSpac
 from procmodels.units import DEGREES, SHARE, Unit, of_parameter
 
 SEAT_HEIGHT = 0.52
-THICKEST = 0.08  # of legs
+THICKEST, WIDEST = 0.08, 0.24  # legs, arms
 
 FRAMED = ("vbars", "splat", "cross", "frame")
 
@@ -45,7 +45,8 @@ GAPPED, TOPPED = when("back").not_("none", "shell"), when("back").among("panel",
 BARS, SPLAT = when("back").among("hbars", "vbars"), when("back").is_("splat")
 
 OF_SEAT_HEIGHT, OF_DEPTH, OF_WIDTH = of_parameter("seat_height"), of_parameter("depth"), of_parameter("width")
-OF_LESS = Unit("of seat height or depth, whichever is less")
+OF_LESS_HIGH = Unit("of the seat's height or depth, whichever is less")
+OF_LESS = Unit("of the seat before it or its width, whichever is less")
 OF_BELOW, OF_BACK = Unit("of the height below the seat"), Unit("of the back's height")
 APRON = "boards under the seat; 0: none"
 
@@ -54,11 +55,13 @@ _SEAT = grouped(
     Geometric("width", 0.26, 1.6, usual=(0.58, 0.14), about="of the seat's front edge, over the arms"),
     Geometric("depth", 0.26, 1.15, usual=(0.56, 0.1), about="of the seat"),
     Scalar("seat_height", 0.2, 0.88, only_if=BACK, usual=(SEAT_HEIGHT, 0.07), about="its top, at the front"),
-    Geometric("seat_thickness", 0.025, 0.35, unit=OF_SEAT_HEIGHT, usual=(0.1, 0.06), about="of the slab"),
+    Geometric("seat_thickness", 0.025, 0.32, unit=OF_SEAT_HEIGHT, usual=(0.1, 0.06), about="of the slab"),
     Scalar("seat_round", 0.0, 1.0, unit=SHARE, usual=(0.1, 0.25), about="from rectangle (0) to ellipse (1)"),
     Scalar("seat_taper", 0.6, 1.15, unit=OF_WIDTH, usual=(0.9, 0.1), about="width of the seat's rear edge"),
-    Scalar("seat_drop", 0.0, 0.38, unit=OF_LESS, usual=(0.04, 0.06), about="how much lower the seat is at the rear"),
-    Scalar("seat_cushion", 0.0, 0.22, unit=OF_SEAT_HEIGHT, usual=(0.0, 0.08), absent=0.6, about="on the slab; 0: none"),
+    Scalar(
+        "seat_drop", 0.0, 0.32, unit=OF_LESS_HIGH, usual=(0.04, 0.06), about="how much lower the seat is at the rear"
+    ),
+    Scalar("seat_cushion", 0.0, 0.18, unit=OF_SEAT_HEIGHT, usual=(0.0, 0.08), absent=0.6, about="on the slab; 0: none"),
 )
 _BASE = grouped(
     "base",
@@ -86,7 +89,7 @@ _BACK = grouped(
     Scalar("back_width", 0.45, 1.0, unit=SHARE, only_if=BACK, usual=(0.93, 0.08), about="of the seat's at the rear"),
     Scalar("back_rake", -2.0, 40.0, unit=DEGREES, only_if=BACK, usual=(10.0, 6.0), about="how far it leans"),
     Scalar("back_bend", -15.0, 20.0, unit=DEGREES, only_if=BACK, usual=(4.0, 6.0), about="how much more at the top"),
-    Scalar("back_wrap", 0.0, 0.65, unit=OF_DEPTH, only_if=BACK, usual=(0.06, 0.1), about="its sides, forwards"),
+    Scalar("back_wrap", 0.0, 0.65, unit=OF_LESS, only_if=BACK, usual=(0.06, 0.1), about="its sides, forwards"),
     Scalar("back_gap", 0.0, 0.7, unit=OF_BACK, only_if=GAPPED, usual=(0.0, 0.25), absent=0.5, about="above the seat"),
     Scalar(
         "back_round", 0.0, 1.0, unit=SHARE, only_if=TOPPED, usual=(0.2, 0.25), about="square corners (0) to hoop (1)"
@@ -100,8 +103,8 @@ _ARMS = grouped(
     "arms",
     Choice("arms", ("none", "posts", "pads", "panel", "wrap"), BACK, usual=(57, 8, 23, 8, 4)),
     Scalar("arm_height", 0.15, 1.0, unit=OF_BACK, only_if=ARMS, usual=(0.45, 0.12), about="above the seat"),
-    Geometric("arm_size", 0.03, 0.24, unit=OF_WIDTH, only_if=ARMS, usual=(0.08, 0.04), about="width of each arm"),
-    Scalar("arm_length", 0.4, 1.0, unit=OF_DEPTH, only_if=ARMS, usual=(0.92, 0.12), about="from the rear"),
+    Geometric("arm_size", 0.03, WIDEST, unit=OF_WIDTH, only_if=ARMS, usual=(0.08, 0.04), about="width of each arm"),
+    Scalar("arm_length", 0.4, 1.0, unit=SHARE, only_if=ARMS, usual=(0.92, 0.12), about="of the seat before the back"),
 )
 SPACE = ParamSpace("chair", (*_SEAT, *_BASE, *_BACK, *_ARMS))
 
@@ -137,9 +140,11 @@ def _seat(p: Any, cushion: float) -> Seat:
 
 def _base(p: Any, seat: Seat) -> list[Part]:
     """All below the seat."""
-    under, size = seat.under, p.leg_thickness
+    under = seat.under
+    side = Side((seat.corner_width(-p.depth / 2), -p.depth / 2), (seat.corner_width(p.depth / 2), p.depth / 2))
+    # Under the narrowest seats the thickest legs would stand in each other.
+    size = p.leg_thickness * min(1.0, 0.9 * min(side.front[0], side.rear[0]) / THICKEST)
     if p.base == "panel":
-        side = _side(seat, -p.depth / 2, p.depth / 2)
         boards = side_boards("board {}", side, size, LEVEL, under, side.rear[1])
         return boards + (end_boards(side, size, p.apron, under) if p.apron > LEAST else [])
     if p.base in ("star", "pedestal"):
@@ -149,8 +154,6 @@ def _base(p: Any, seat: Seat) -> list[Part]:
         return legs.pedestal(p.base_radius, size, under, ring)
     inset = p.leg_inset if p.base == "four" else 0.0
     taper = p.leg_taper if p.base in ("four", "fold") else 1.0
-    # Under the narrowest seats the thickest legs would stand in each other.
-    size *= min(1.0, 0.9 * min(seat.corner_width(seat.front), seat.corner_width(seat.rear)) / THICKEST)
 
     def leg(y: float, lean: float) -> Leg:
         """Below the seat's corner at y, or nearer to the middle; its foot leans so many degrees away from it."""
@@ -167,14 +170,11 @@ def _base(p: Any, seat: Seat) -> list[Part]:
     return legs.four(front, rear, under) + bars + (legs.aprons(front, rear, p.apron, under) if p.apron > LEAST else [])
 
 
-def _side(seat: Seat, front: float, rear: float) -> Side:
-    """The line through the seat's corners on the left, between two places along y."""
-    return Side((seat.corner_width(front), front), (seat.corner_width(rear), rear))
-
-
 def _back(p: Any, seat: Seat) -> Back:
     """The surface of the back, on the line through the seat's rear corners."""
-    wrap = p.back_wrap * p.depth
+    thickness = p.back_thickness * p.depth
+    before = seat.rear - seat.front - thickness * math.hypot(1, math.tan(math.radians(p.back_rake)))
+    wrap = p.back_wrap * min(before, p.back_width * 2 * seat.corner_width(seat.rear))
     room = 2 * min(seat.corner_width(seat.rear), seat.corner_width(seat.rear - wrap))
     return Back(
         width=p.back_width * room,
@@ -184,7 +184,7 @@ def _back(p: Any, seat: Seat) -> Back:
         rake=p.back_rake,
         bend=p.back_bend,
         wrap=wrap,
-        thickness=p.back_thickness * p.depth,
+        thickness=thickness,
         gap=p.back_gap if p.back != "shell" else 0.0,
         roundness=p.back_round,
     )
@@ -206,8 +206,11 @@ def _arms(p: Any, seat: Seat, back: Back) -> list[Part]:
     if p.arms == "none":
         return []
     top = p.seat_height + p.arm_height * (1 - p.seat_height)
-    front = seat.rear + p.arm_length * (seat.front - seat.rear)
-    arms = Arms(top, p.arm_size * p.width, front, seat.top.at(front))
+    front = back.side + p.arm_length * (seat.front - back.side)
+    # Between the widest arms of the narrowest seats there would be no room.
+    room = min(1.0, 0.9 * min(seat.corner_width(seat.front), seat.corner_width(seat.rear)) / (WIDEST * p.width))
+    arms = Arms(top, p.arm_size * p.width * room, front, seat.top.at(front))
     if p.arms == "panel":
-        return arm_parts.boards(arms, _side(seat, arms.front, seat.rear), back)
+        side = Side((seat.corner_width(front), front), (seat.corner_width(seat.rear), seat.rear))
+        return arm_parts.boards(arms, side, back)
     return {"posts": arm_parts.posts, "pads": arm_parts.pads, "wrap": arm_parts.walls}[p.arms](arms, seat, back)

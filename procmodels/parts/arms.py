@@ -46,8 +46,8 @@ def posts(arms: Arms, seat: Seat, back: Back) -> list[Part]:
 
 def pads(arms: Arms, seat: Seat, back: Back) -> list[Part]:
     """A pad on one post at each side."""
-    length = 0.6 * (seat.rear - arms.front)
-    height, post = arms.height(0.6), 0.5 * arms.size
+    length = 0.6 * (back.side - arms.front)
+    height, post = arms.height(0.6), min(0.5 * arms.size, 0.2 * length)
     rear = arms.front + length
     x = min(seat.corner_width(arms.front), seat.corner_width(rear)) - arms.size / 2
     y = arms.front + 0.6 * length
@@ -66,10 +66,10 @@ def boards(arms: Arms, side: Side, back: Back) -> list[Part]:
 
 def walls(arms: Arms, seat: Seat, back: Back) -> list[Part]:
     """Walls along the edge of the seat, from the side of the back to the front, falling to the arms' height."""
-    thick = arms.size / 2
     share = np.linspace(0, 1, 7)
     u, v = np.array(1.0), float(back.end(np.array(1.0)))
     start, end = back.points(u, np.array([0.0, v]), back.thickness / 2)
+    thick = min(arms.size / 2, 0.8 * start[0])
     y = arms.front + (start[1] - arms.front) * share
     rise = share**2
     edge = np.array([seat.half_width(float(t)) for t in y])

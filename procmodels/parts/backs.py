@@ -111,6 +111,11 @@ class Back:
         low = self.floor.z + self.floor.slope * start
         return np.stack(np.broadcast_arrays(x, y, low + (self.top - low) * v), -1)
 
+    @cached_property
+    def side(self) -> float:
+        """y of its sides on the seat, the middle of their thickness."""
+        return float(self.points(np.array(1.0), np.array(0.0), self.thickness / 2)[1])
+
     def sheet(self, name: str, u: np.ndarray, v: np.ndarray, low: float = 0.0, high: float = 1.0) -> Part:
         """A body over a grid of places, u and v together (rows, columns); low, high: its faces, in thicknesses."""
         offset = self.thickness * np.array([low, high])[:, None, None]

@@ -23,12 +23,17 @@ class Side:
         (x0, y0), (x1, y1) = self.front, self.rear
         return x0 + (x1 - x0) * (y - y0) / (y1 - y0)
 
+    def end(self, y: float, x: float) -> float:
+        """y, or the place before it where the face has come as near to the middle as x."""
+        (x0, y0), (x1, y1) = self.front, self.rear
+        return y if self.at(y) >= x else y0 + (x - x0) * (y1 - y0) / (x1 - x0)
+
 
 def side_boards(name: str, side: Side, thickness: float, low: Plane, high: Plane, rear_top: float) -> list[Part]:
     """A board at each side, inside of the side's face, between two planes; its rear edge leans from the side's rear
     end below to y = rear_top above."""
     front, rear = side.front[1], side.rear[1]
-    ends = [[(front, low), (rear, low)], [(front, high), (rear_top, high)]]
+    ends = [[(front, low), (rear, low)], [(front, high), (side.end(rear_top, 1.05 * thickness), high)]]
     outer = np.array([[(side.at(y), y, plane.at(y)) for y, plane in row] for row in ends])
     # Seen from outside on the left, the front is on the left.
     return both(name, sheet("", outer, outer - np.array([thickness, 0, 0]), convex=True))

@@ -88,7 +88,9 @@ def stretchers(kind: str, front: Leg, rear: Leg, share: float) -> list[Part]:
     if kind == "none":
         return []
     a, b = front.at(share * front.top), rear.at(share * rear.top)
-    size = min(0.6 * min(front.size_at(a[2]), rear.size_at(b[2])), 2 * min(a[2], b[2]))
+    # Thinner than the legs, and clear of the floor and the seat.
+    room = min(min(z, leg.top - z) for leg, (_, _, z) in ((front, a), (rear, b)))
+    size = min(0.6 * min(front.size_at(a[2]), rear.size_at(b[2])), 1.2 * room)
     section = (size, size)
     parts = both("stretcher {}", beam("", a, b, section, cut="Y"))
     if kind == "H":
@@ -123,7 +125,7 @@ def _board(rows: np.ndarray, half: tuple[float, float, float], under: Plane) -> 
 
 def sled(front: Leg, rear: Leg, rear_posts: bool, under: Plane) -> list[Part]:
     """Two runners on the floor below posts; without rear posts a bar joins the runners there (cantilever)."""
-    size = min(front.size, 0.5 * front.top)
+    size = min(front.size, 0.5 * front.top, 0.5 * rear.top)
     section = (size, size)
     half = size / 2
     start, end = (*front.foot, half), (*rear.foot, half)
@@ -137,7 +139,7 @@ def sled(front: Leg, rear: Leg, rear_posts: bool, under: Plane) -> list[Part]:
 
 def fold(front: Leg, rear: Leg, under: Plane) -> list[Part]:
     """Legs that cross at each side, each pair side by side: from the front of the seat to the rear foot, and back."""
-    size, taper = min(front.size, front.head[0] / 2.5), front.foot_size / front.size
+    size, taper = min(front.size, front.head[0] / 2.5, rear.head[0] / 2.5), front.foot_size / front.size
     outer = Leg(front.head, (front.foot[0], rear.foot[1]), front.top, size, size * taper)
     head = (rear.head[0] - size, rear.head[1])
     foot = (max(rear.foot[0] - size, size * taper / 2), front.foot[1])
@@ -184,8 +186,10 @@ def _column(low: float, size: float, under: Plane, ring: float | None, radius: f
     parts = [upright("column", (0, 0), (0, 0), (size, size), (size, size), Plane(low), under, sides=12)]
     if ring is None:
         return parts
-    room = max(under.at(radius) - low, 0.3 * (under.at(0) - low))
-    z, bar = low + ring * room, min(0.016, 0.6 * size)
+    # Not so wide that a tilted seat would come down on it.
+    room = under.at(0) - low
+    radius = min(radius, 0.3 * room / max(abs(under.slope), 1e-9))
+    z, bar = low + 0.7 * ring * room, min(0.016, 0.6 * size, 0.1 * room)
     return [
         *parts,
         torus("foot ring", radius, 1.4 * bar, z),
