@@ -69,7 +69,7 @@ def walls(arms: Arms, seat: Seat, back: Back) -> list[Part]:
     share = np.linspace(0, 1, 7)
     u, v = np.array(1.0), float(back.end(np.array(1.0)))
     start, end = back.points(u, np.array([0.0, v]), back.thickness / 2)
-    thick = min(arms.size / 2, 0.8 * start[0])
+    thick = 1 / (2 / arms.size + 1 / start[0])  # thinner than the room beside the middle
     y = arms.front + (start[1] - arms.front) * share
     rise = share**2
     edge = np.array([seat.half_width(float(t)) for t in y])
