@@ -29,10 +29,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from datasets.synthetic import Pairs, read
-from nnproc.infer import device, grids_from_params, save_network, values_from_grids
+from nnproc.infer import grids_from_params, save_network, values_from_grids
 from nnproc.losses import VARIANTS, LossWeights, losses
 from nnproc.muon import Muon
 from nnproc.network import NetworkConfig, NNProc, cells_from_grid, parameter_count
+from nnproc.on_device import device
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.train")
