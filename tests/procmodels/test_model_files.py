@@ -11,6 +11,7 @@ import procmodels
 from procmodels import ModelError, model_file
 from recon.pipelines import class_selection
 from run_recon import main
+from tests.procmodels.touching import all_touch
 
 ROOT = Path(__file__).parents[2]
 HEAD = """from procmodels.parts.primitives import box
@@ -156,3 +157,14 @@ def test_the_key_of_our_own_models_follows_their_sources(tmp_path):
             shared.write("\n# edited\n")
     assert codes[0] != codes[1]
     assert codes[0].strip() == procmodels.load("chair").code
+
+
+def test_the_model_of_the_documentation_builds_what_it_says(tmp_path):
+    page = (ROOT / "docs" / "own-models.md").read_text()
+    model = procmodels.load(str(file(tmp_path, page.split("```python\n")[1].split("```")[0])))
+    values = {"width": 0.8, "roundness": 0.5, "legs": "four", "splay": 10.0}
+    shape = model.build(values)
+    assert [p.name for p in shape.parts] == ["seat", "leg 1", "leg 2", "leg 3", "leg 4"]
+    assert all_touch(shape.parts)
+    assert model.space.active({**values, "legs": "block"}) == {"width", "roundness", "legs"}
+    assert [p.name for p in model.build({**values, "legs": "block"}).parts] == ["seat", "block"]
