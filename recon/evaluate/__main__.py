@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from nnproc.infer import WeightsError
-from procmodels import ModelError, names
-from recon.evaluate import alignment, calibration, chair, gallery, robust
+from procmodels import ModelError, load, names
+from recon.evaluate import alignment, calibration, chair, gallery, robust, space_pictures
 from recon.evaluate.rows import Row, machine, print_table, read_json_rows, write_json
 from recon.evaluate.speed import command as speed
 from recon.evaluate.speed.rows import SpeedOptions, quick, read_rows, write_rows
@@ -46,6 +46,7 @@ def _command(argv: list[str] | None, about: net.About) -> int:
     for table in tables.choices.values():
         table.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
+    _space_flags(tables.add_parser("space", help="pictures of a class's prior and of every choice; needs no network"))
     for table in tables.choices.values():
         table.add_argument("--work", type=Path, default=WORK, help="intermediate results, kept between runs")
     args = parser.parse_args(argv)
@@ -55,6 +56,22 @@ def _command(argv: list[str] | None, about: net.About) -> int:
         return args.run(args)
     except (ModelError, WeightsError, ValueError) as error:
         raise InputError(str(error)) from error
+
+
+def _space_flags(parser: argparse.ArgumentParser) -> None:
+    options = space_pictures.SpaceOptions()
+    parser.add_argument("--class", dest="name", required=True, help="a class, or the path of a model's file")
+    parser.add_argument("--shapes", type=int, default=options.shapes, help="random shapes of the prior")
+    parser.add_argument("--seed", type=int, default=options.seed)
+    parser.add_argument("--out", type=Path, default=options.out, help="folder of the pictures")
+    parser.set_defaults(run=_space)
+
+
+def _space(args: argparse.Namespace) -> int:
+    options = space_pictures.SpaceOptions(args.shapes, seed=args.seed, out=args.out)
+    for path in space_pictures.run(load(args.name), options):
+        sys.stdout.write(f"{path}\n")
+    return 0
 
 
 def _chair_flags(parser: argparse.ArgumentParser) -> None:

@@ -60,7 +60,7 @@ def run(classes: list[str], options: GalleryOptions = GalleryOptions()) -> Itera
         picture = draw([_random_shapes(model, options), *held_out_rows(bench, options)], options)
         options.out.mkdir(parents=True, exist_ok=True)
         path = options.out / f"{name}.jpg"
-        path.write_bytes(_jpeg(picture, options.quality))
+        path.write_bytes(jpeg(picture, options.quality))
         yield path
 
 
@@ -105,30 +105,34 @@ def draw(groups: list[list[Tile]], options: GalleryOptions) -> np.ndarray:
     first = [groups[0][i : i + options.columns] for i in range(0, len(groups[0]), options.columns)]
     rows = [(row, options.columns, 0) for row in first]
     rows += [(row, max(len(row), 3), CAPTION) for row in groups[1:]]
-    strips = [_strip(row, columns, caption, options.width) for row, columns, caption in rows]
+    return stacked([strip(row, columns, caption, options.width) for row, columns, caption in rows])
+
+
+def stacked(strips: list[np.ndarray]) -> np.ndarray:
+    """(H, width, 3) uint8 RGB: strips below each other."""
     height = MARGIN + sum(s.shape[0] for s in strips) + GAP * (len(strips) - 1) + MARGIN
-    sheet = np.full((height, options.width, 3), PAPER, np.uint8)
+    sheet = np.full((height, strips[0].shape[1], 3), PAPER, np.uint8)
     y = MARGIN
-    for strip in strips:
-        sheet[y : y + len(strip)] = strip
-        y += len(strip) + GAP
+    for s in strips:
+        sheet[y : y + len(s)] = s
+        y += len(s) + GAP
     return sheet
 
 
-def _strip(row: list[Tile], columns: int, caption: int, width: int) -> np.ndarray:
+def strip(row: list[Tile], columns: int, caption: int, width: int) -> np.ndarray:
     """(side + caption, width, 3) uint8 RGB, square pictures side by side."""
     side = (width - 2 * MARGIN - GAP * (columns - 1)) // columns
-    strip = Image.new("RGB", (width, side + caption), PAPER)
-    pen, font = ImageDraw.Draw(strip), ImageFont.load_default(15)
+    image = Image.new("RGB", (width, side + caption), PAPER)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(15)
     for i, (text, shape) in enumerate(row):
         x = MARGIN + i * (side + GAP)
         if shape is not None:
-            strip.paste(Image.fromarray(render_previews(shape, 1, (side, side))[0]), (x, 0))
+            image.paste(Image.fromarray(render_previews(shape, 1, (side, side))[0]), (x, 0))
         pen.text((x + 2, side + 3), text, INK, font)
-    return np.asarray(strip)
+    return np.asarray(image)
 
 
-def _jpeg(picture: np.ndarray, quality: int) -> bytes:
+def jpeg(picture: np.ndarray, quality: int) -> bytes:
     """The file's bytes, at most LARGEST where any quality above 40 allows it."""
     while True:
         ok, data = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
