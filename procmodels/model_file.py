@@ -101,16 +101,24 @@ def _usable(parts: Any) -> list[Part]:
     """The parts, if they are some that enclose space. Raises ValueError."""
     if not isinstance(parts, list | tuple) or not parts or not all(isinstance(p, Part) for p in parts):
         raise ValueError(f"build(params) must return a list of Parts, not {_short(repr(parts))}")
+    sound = []
     for part in parts:
-        vertices, faces = np.asarray(part.vertices), part.faces
+        vertices = np.asarray(part.vertices)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices.astype(float)).all():
             raise ValueError(f"the vertices of part {part.name!r} must be (n, 3) numbers, none of them infinite or NaN")
-        if not faces or any(len(f) < 3 or min(f) < 0 or max(f) >= len(vertices) for f in faces):
+        faces = tuple(map(tuple, part.faces))
+        if not _are_faces(faces, len(vertices)):
             raise ValueError(f"the faces of part {part.name!r} must name three or more of its {len(vertices)} vertices")
-    if not np.ptp(np.concatenate([p.vertices for p in parts]), axis=0).any():
+        sound.append(Part(part.name, vertices.astype(float), faces, part.convex))
+    if not np.ptp(np.concatenate([p.vertices for p in sound]), axis=0).any():
         raise ValueError("the parts are a single point")
-    # Faces are looked up in tables: lists of lists would not do.
-    return [Part(p.name, np.asarray(p.vertices, float), tuple(map(tuple, p.faces)), p.convex) for p in parts]
+    return sound
+
+
+@functools.lru_cache(maxsize=4096)
+def _are_faces(faces: tuple[tuple[int, ...], ...], count: int) -> bool:
+    """Whether there are some and all name three or more of `count` vertices; looked at once for parts of one kind."""
+    return bool(faces) and all(len(f) >= 3 and min(f) >= 0 and max(f) < count for f in faces)
 
 
 def _place(error: BaseException, path: Path, line: int | None) -> str:
