@@ -217,7 +217,8 @@ def _set_properties(root: Any, asset: Asset) -> None:
 
 def _ui(parameter: Parameter) -> dict[str, Any]:
     """What Blender shows beside a custom property."""
-    ui: dict[str, Any] = {"description": parameter.describe()}
+    told = [parameter.about, parameter.describe(), parameter.only_if and f"only if {parameter.only_if}"]
+    ui: dict[str, Any] = {"description": "; ".join(str(t) for t in told if t)}
     if isinstance(parameter, Scalar | Integer):
         ui |= {"min": parameter.low, "max": parameter.high, "soft_min": parameter.low, "soft_max": parameter.high}
     if isinstance(parameter, Choice):

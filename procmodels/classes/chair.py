@@ -1,4 +1,4 @@
-"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 38 parameters, of which 15 to 25 do something at a time.
+"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 38 parameters, of which 15 to 31 do something at a time.
 
 Lengths are fractions of the chair's height: its back ends at 1. Of the gauges that a normalised shape leaves open this
 one varies least between kinds of chairs (a bar chair is as wide as 0.4 of its height, an easy chair as 0.9; of seat
