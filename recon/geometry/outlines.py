@@ -176,16 +176,20 @@ def _closing(
     return view, weight, points
 
 
-def end_gradients(found: Outlines, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How fast each edge's ends move across the edge: entries (end, vertex of all views, (3,) gradient).
+def end_gradients(
+    found: Outlines, K: np.ndarray, across: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How fast each edge's ends move in a direction of the image: entries (end, vertex of all views, (3,) gradient).
 
-    End 2 e + s is the start (s = 0) or end (1) of edge e. Its speed across the edge, in pixels, times the edge's length
-    is the sum over its entries of gradient . velocity, with the vertex's velocity in the camera's frame.
+    End 2 e + s is the start (s = 0) or end (1) of edge e. Its velocity in pixels times `across` (m, 2) is the sum over
+    its entries of gradient . velocity, with the vertex's velocity in the camera's frame. By default `across` is as long
+    as the edge and points to the right of the way from start to end.
     """
     n = found.in_camera.shape[0] * found.in_camera.shape[1]
     places = found.in_camera.reshape(-1, 3)
-    along = found.pixels[:, 1] - found.pixels[:, 0]
-    across = np.stack([along[:, 1], -along[:, 0]], -1)  # to the right of the way down the image
+    if across is None:
+        along = found.pixels[:, 1] - found.pixels[:, 0]
+        across = np.stack([along[:, 1], -along[:, 0]], -1)
     lens = np.einsum("mi,mij->mj", across, K[found.view][:, :2, :2]).repeat(2, 0)  # (2 m, 2)
     point = found.points.ravel()
     end = np.arange(len(point))
