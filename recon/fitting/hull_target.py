@@ -115,8 +115,8 @@ class Hull:
 
     def left_empty(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(k,) canonical units by which `points` lie outside outlines (V, S, S) bool in the worst view, and which."""
-        distances = np.stack([_distance(~image).ravel()[pixel] for image, pixel in zip(drawn, self._pixel, strict=True)])
-        distances *= self._unit
+        pairs = zip(drawn, self._pixel, strict=True)
+        distances = np.stack([_distance(~image).ravel()[pixel] for image, pixel in pairs]) * self._unit
         return distances.max(0), distances.argmax(0)
 
     def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:

@@ -48,7 +48,7 @@ class Face:
 
 @dataclass(frozen=True)
 class Jump:
-    """Scalar number `scalar` somewhere else in its range: a part that the target hardly shows does not pull from afar."""
+    """Scalar number `scalar` elsewhere in its range: a part that the target hardly shows does not pull from afar."""
 
     scalar: int
     unit: float
@@ -101,7 +101,7 @@ def jumps(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Ju
 def combinations(
     problem: Problem, limit: int, rng: np.random.Generator, names: Sequence[str] | None = None
 ) -> Iterator[Choose]:
-    """Values for all choices (or those named): each combination once if there are at most `limit`, else so many drawn."""
+    """Values for all choices, or those named: every combination if there are at most `limit`, else so many drawn."""
     wanted = [p for p in problem.model.space.discrete if names is None or p.name in names]
     steps = [p.grid_steps for p in wanted]
     total = int(np.prod(steps, dtype=object)) if steps else 0

@@ -1,6 +1,6 @@
 """Where a shape may stand: fixed, on the floor of a hull, upright in a box, anywhere, or before cameras that are found.
 
-A placement turns a state's numbers (place, front) into a Posed shape, moves them, and says how fast that moves vertices.
+A placement turns a state's numbers (place, front) into a Posed shape, moves them, and says how fast vertices then move.
 """
 
 from __future__ import annotations

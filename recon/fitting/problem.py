@@ -176,12 +176,14 @@ class Problem:
     def jacobian(self, state: State, level: int) -> np.ndarray:
         """(m, n + k) derivatives of the residuals at a state, 0 for what is held."""
         posed, free = self.posed(state), self.free(state)
-        nearby: dict[int, tuple[float, Posed]] = {}
-        for i in np.flatnonzero(free[: len(self.scalars)]):
-            if (near := self._near(state, posed, int(i))) is not None:
-                nearby[int(i)] = near
-        met = self.target.jacobian(posed, level, self._velocities(state, posed, nearby) * free)
+        nearby = self.nearby(state, posed)
+        met = self.target.jacobian(posed, level, self.velocities(state, posed, nearby) * free)
         return np.concatenate([met, np.sqrt(self.target.weight) * self._prior_slopes(state, posed, nearby)])
+
+    def nearby(self, state: State, posed: Posed) -> dict[int, tuple[float, Posed]]:
+        """By number of a scalar that does something: a small step of it and the shape there."""
+        near = {int(i): self._near(state, posed, int(i)) for i in np.flatnonzero(self.active(state.choices))}
+        return {i: found for i, found in near.items() if found is not None}
 
     def _near(self, state: State, posed: Posed, i: int) -> tuple[float, Posed] | None:
         """A step of scalar i and the shape there, made of the same vertices; None when there is none either way."""
@@ -193,8 +195,8 @@ class Problem:
                     return step, there
         return None
 
-    def _velocities(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
-        """(n, 3, n + k), or view by view: how the vertices move with each number of the state, in the shape's frame."""
+    def velocities(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
+        """(vertices, 3, n + k), or view by view: how they move with each number of the state, in the shape's frame."""
         vertices = posed.shape.vertices()
         scalars = np.zeros((*vertices.shape, len(state.units)))
         for i, (step, there) in nearby.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -131,14 +131,16 @@ class Search:
 
     def neighbours(self, state: State) -> Iterator[tuple[Move, State]]:
         """Every other front and every change of one choice."""
-        for move in itertools.chain(moves.choices(self.problem, state), moves.fronts(self.problem, state)):
+        near: list[Move] = [*moves.choices(self.problem, state), *moves.fronts(self.problem, state)]
+        for move in near:
             yield move, move.applied(self.problem, state)
 
     def alternatives(self, state: State, steps: int = 2) -> tuple[tuple[Move, float], ...]:
         """The neighbours and their losses, best first: other fronts polished, other choices as they are."""
         loss, scored = self.problem.loss, []
         for move, other in self.neighbours(state):
-            scored.append((move, loss(descended(self.problem, other, steps) if isinstance(move, moves.Face) else other)))
+            best = descended(self.problem, other, steps) if isinstance(move, moves.Face) else other
+            scored.append((move, loss(best)))
         return tuple(sorted(scored, key=lambda pair: pair[1]))
 
 
@@ -151,8 +153,9 @@ def solve(problem: Problem, starts: Iterable[State], schedule: Schedule = Schedu
     best: State | None = None
     start = np.inf
     for _ in range(schedule.batches):
-        batch = list(itertools.islice(source, schedule.looked))
-        if not batch or (best is not None and problem.loss(best) <= schedule.lost):
+        if best is not None and problem.loss(best) <= schedule.lost:
+            break
+        if not (batch := list(itertools.islice(source, schedule.looked))):
             break
         first = min(batch, key=problem.loss)
         start = min(start, problem.loss(first))
@@ -178,8 +181,3 @@ def turned_round(search: Search, state: State, allowed: Callable[[float], float]
 def _faced(problem: Problem, state: State, move: moves.Face) -> tuple[np.ndarray, int]:
     there = move.applied(problem, state)
     return there.place, there.front
-
-
-def with_choices(state: State, values: Iterable[tuple[str, object]]) -> State:
-    """The state with some of its choices changed."""
-    return replace(state, choices={**state.choices, **dict(values)})  # type: ignore[arg-type]

@@ -72,7 +72,7 @@ class Surface:
         self._tree = cKDTree(points)
 
     def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
-        """Distances from the target's points to the shape and from its places to the target: squares sum to the loss."""
+        """Distances from the target's points to the shape and from its places back; the squares sum to the loss."""
         shape, some = OnSurface(posed, at, self.counts[level]), self._some[level]
         there = np.linalg.norm(some - shape.surface.nearest(some)[0], axis=1)
         back = np.linalg.norm(shape.points - self._nearest(shape.points)[0], axis=1)
@@ -151,11 +151,8 @@ class VoxelGrid:
         """Vectors between voxels and surface, both ways; the squares sum to a chamfer distance."""
         shape = OnSurface(posed, at, self.count)
         there = shape.surface.nearest(self.points)[0] - self.points
-        return self._told(*(v / np.sqrt(len(v)) for v in (there, self._back(shape))), level=level)
-
-    def _told(self, there: np.ndarray, back: np.ndarray, level: int) -> np.ndarray:
-        """All that counts at a level, of vectors over the roots of their number."""
-        vectors = np.concatenate([there.ravel(), back.ravel()])
+        back = self._back(shape)
+        vectors = np.concatenate([there.ravel() / np.sqrt(len(there)), back.ravel() / np.sqrt(len(back))])
         if level == 0:
             return vectors
         half = self.half / np.sqrt(np.repeat([len(there), len(back)], [there.size, back.size]))

@@ -87,7 +87,7 @@ def outlines(shape: Shape, K: np.ndarray, cam_from_shape: np.ndarray, closed: bo
 
 
 def _turns(corners: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """(V, F) int: the side of each face's plane, given by corners (F, 3, 3), on which each camera centre (V, 3) lies."""
+    """(V, F) int: on which side of each face's plane, given by corners (F, 3, 3), each camera centre (V, 3) lies."""
     p, q, r = corners.transpose(1, 0, 2)
     normal = np.cross(q - p, r - p)
     return np.sign(np.einsum("fi,fi->f", normal, p) - centres @ normal.T).astype(np.int16)

@@ -91,7 +91,7 @@ class Slopes:
     views: int
 
     def along(self, velocities: np.ndarray) -> np.ndarray:
-        """(p, k) derivatives when the vertices move, in the shape's frame, by (n, 3, k), or view by view (V, n, 3, k)."""
+        """(p, k) derivatives when vertices move by (n, 3, k), or view by view (V, n, 3, k), in the shape's frame."""
         end, view, vertex = self.entries
         rows = self.vertices * (self.views if velocities.ndim == 4 else 1)
         column = vertex + (view * self.vertices if velocities.ndim == 4 else 0)
