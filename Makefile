@@ -29,7 +29,7 @@ weights: install
 	  [ $$class = sofa ] && shapes=10000 || shapes=3000; \
 	  $(BIN)/python -m datasets.synthetic $$class --train-on $$shapes --out .cache/data/$$class; \
 	  $(BIN)/python -m nnproc.train $$class; \
-	  $(BIN)/python -m nnproc.finish $$class; \
+	  $(BIN)/python -m nnproc.finetune $$class; \
 	done
 
 install: $(VENV)/installed

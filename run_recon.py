@@ -14,25 +14,26 @@ import json
 import logging
 import os
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from recon import net, process
+from recon.system import net, process
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     from procmodels import names
-    from recon.arguments import Parser, number, path, seed, whole
+    from recon.system.arguments import Parser, number, path, seed, whole
 
     p = Parser(prog="run_recon.py", description="From photos of furniture to a procedural mesh.")
-    photos = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras; "
-    p.add_argument("photos", type=path, metavar="INPUT", help=photos + "a mesh, point cloud, splat or voxel grid")
+    inputs = "folder of JPEG, PNG or HEIC photos, 20 to 60 from all around; a video; a folder with known cameras; "
+    p.add_argument("photos", type=path, metavar="INPUT", help=inputs + "a mesh, point cloud, splat or voxel grid")
     p.add_argument(
         "--input", metavar="KIND", help="what INPUT is, when it is taken for something else: mesh, cloud, ..."
     )
-    p.add_argument("--up", default="auto", help="axis of a shape's file that points up: x, y, z, -x, -y, -z (auto)")
-    p.add_argument("--front", default="auto", help="axis of a shape's file that the object faces (auto)")
+    p.add_argument("--up", help="axis of a shape's file that points up: x, y, z, -x, -y, -z (default: found)")
+    p.add_argument("--front", help="axis of a shape's file that the object faces (default: found)")
     classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file, code that is run (default chair)"
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=path, help="where results go (default: out/<name of the photo folder>)")
@@ -56,7 +57,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
     p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
-    p.add_argument("--frames", type=whole, default=40, metavar="N", help="of a video, that are used (default 40)")
+    p.add_argument("--frames", type=whole, metavar="N", help="of a video, that are used (default 40)")
     p.add_argument("--seed", type=seed, default=0, help="same seed, same result (default 0)")
     p.add_argument("--force", action="store_true", help="redo every stage")
     p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")
@@ -80,7 +81,7 @@ def _command(words: list[str], about: net.About) -> int:
     args = parser().parse_args(words)
     about.what = args.photos
     logging.basicConfig(level=logging.DEBUG if args.verbose else logging.INFO, format="%(message)s", stream=sys.stderr)
-    from recon.arguments import nameable, readable
+    from recon.system.arguments import nameable, readable
 
     for option, given in (
         ("INPUT", args.photos),
@@ -122,59 +123,22 @@ def _joined(argv: list[str]) -> list[str]:
 
 def _reconstructed(args: argparse.Namespace, out: Path) -> Path:
     """Run what fits the input; returns report.json."""
-    from recon import inputs
-    from recon.light_open3d import without_plotting
-    from recon.scene import InputError
+    from recon.files import recognise
+    from recon.pipelines.inputs import Asked, way_of
+    from recon.pipelines.stages import Redo
+    from recon.system.light_open3d import without_plotting
 
     without_plotting()
-    seen = inputs.recognise(args.photos, args.input)
-    if seen.kind in inputs.SHAPES and args.cameras is not None and seen.kind != inputs.Kind.SPLAT:
-        raise InputError(f"--cameras belongs to photos, a video or a Gaussian splat; {args.photos} is {seen.what}")
-    if seen.kind in inputs.SHAPES and args.cameras is None:
-        from recon import shape_pipeline  # here, because the photos' stages take a second to load
-
-        stands = shape_pipeline.ShapeOptions(up=args.up, front=args.front)
-        asked = shape_pipeline.ShapeRunOptions(args.class_name, args.height, args.seed, stands)
-        return shape_pipeline.run(args.photos, out, seen, asked).report_json
-    return _from_views(args, out, seen.kind)
-
-
-def _from_views(args: argparse.Namespace, out: Path, kind: str) -> Path:
-    """Run what fits photos, a video or images; returns report.json."""
-    from recon import from_image, inputs, one_mask, pipeline
-    from recon.intrinsics import parse_focal_mm, parse_intrinsics
-    from recon.one_mask import parse_box
-    from recon.poses import PosesOptions
-    from recon.video import VideoOptions
-
-    lens = {
-        "intrinsics": parse_intrinsics(args.intrinsics) if args.intrinsics else None,
-        "focal_mm": parse_focal_mm(args.focal_mm) if args.focal_mm else None,
-    }
-    both = {"class_name": args.class_name, "height": args.height, "seed": args.seed, **lens}
-    box = parse_box(args.box) if args.box else None
-    if from_image.fits(args.photos, kind, args.mask, box, args.pix3d, args.camera_off):
-        doubt = one_mask.checked_doubt(args.camera_off, args.pix3d)
-        options = from_image.ImageOptions(mask=args.mask, box=box, pix3d=args.pix3d, doubt=doubt, **both)
-        return from_image.run(args.photos, out, options).report_json
-    photo_options = pipeline.ReconOptions(
-        masks=args.masks,
-        force=args.force,
-        start=args.start,
-        cameras=args.cameras,
-        allow_outside=args.allow_outside,
-        look_for_cameras=args.input in (None, inputs.Kind.CAMERAS),
-        poses=PosesOptions(turntable=args.turntable),
-        video=VideoOptions(count=args.frames),
-        **both,
-    )
-    return pipeline.run(args.photos, out, photo_options).report_json
+    flags = {f.name: getattr(args, f.name) for f in fields(Asked) if f.name not in ("source", "out", "redo")}
+    asked = Asked(source=args.photos, out=out, redo=Redo(args.force, args.start), **flags)
+    seen = recognise.recognise(args.photos, args.input)
+    return way_of(asked, seen).run(asked, seen).report_json
 
 
 def summary(report: Path) -> str:
     """The few lines that end a run."""
-    from recon.names import shown
-    from recon.result import tried
+    from recon.outputs.result import tried
+    from recon.system.names import shown
 
     r = json.loads(report.read_text())
     values = ", ".join(f"{k} {v if isinstance(v, str) else round(v, 3)}" for k, v in r["params"].items())

@@ -3,7 +3,7 @@
     FOLDER/chair/NAME.ply    FOLDER/chair/NAME.png (white = object, optional)    FOLDER/table/...
 
 Class folders are bed, chair, shelf (or bookcase), sofa (or couch), table (or desk), also in the plural; others are left
-out with a note. The axes are those of datasets.file_axes, else Y up facing -Z, for STL Z up facing -Y. A single class
+out with a note. The axes are those of datasets.axes_tables, else Y up facing -Z, for STL Z up facing -Y. A single class
 folder uses the axes of the folder above it.
 """
 
@@ -13,8 +13,8 @@ import logging
 from functools import partial
 from pathlib import Path
 
-from datasets import file_axes
-from datasets.real_object import CLASSES, DataError, RealObject, read_mesh, with_unique_names
+from datasets import axes_tables
+from datasets.catalogue_object import CLASSES, DataError, RealObject, read_mesh, with_unique_names
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ def in_one_folder(folder: Path, class_name: str | None = None) -> list[RealObjec
 def _objects(files: list[Path], root: Path, class_name: str) -> list[RealObject]:
     """`root` is the folder that gives the data their name and their axes."""
     root = root.resolve()
-    axes = file_axes.find(root.name, root)
+    axes = axes_tables.find(root.name, root)
     return [
         RealObject(
             data=root.name,

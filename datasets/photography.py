@@ -11,10 +11,10 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from datasets import mosaics
+from datasets import floor_textures
 from datasets.staging import PhotosetOptions, Plan
-from procmodels import studio
-from procmodels.studio_room import NearWall, Room, Rug
+from procmodels.studio import render
+from procmodels.studio.room import NearWall, Room, Rug
 
 PLAIN = (150, 141, 128)  # RGB of a plain floor
 
@@ -25,12 +25,12 @@ def photograph(folder: Path, plan: Plan, options: PhotosetOptions) -> None:
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)
         room = _room(scratch, plan, options)
-        settings = studio.RenderSettings(
+        settings = render.RenderSettings(
             options.width, options.height, options.lens_mm, options.samples, options.threads
         )
-        studio.furnish(plan.world_from_canonical @ plan.canonical_from_file, room, settings, options.seed)
+        render.furnish(plan.world_from_canonical @ plan.canonical_from_file, room, settings, options.seed)
         for photo, shot in tqdm(todo, desc="photos", unit="photo"):
-            studio.shoot(shot, scratch / "frame.png")
+            render.shoot(shot, scratch / "frame.png")
             _develop(scratch / "frame.png", folder / photo, options)
 
 
@@ -38,8 +38,8 @@ def _room(scratch: Path, plan: Plan, options: PhotosetOptions) -> Room:
     """Paint the pictures for floor and walls; the walls stand well behind the cameras."""
     rng = np.random.default_rng([options.seed, 2])
     detail = min(4096, max(512, 5 * options.width))  # about one picture pixel a photo pixel
-    floor = mosaics.mosaic(detail, detail, detail // 12, rng)
-    wall = mosaics.mosaic(detail, detail // 8, detail // 24, rng, mute=0.45)
+    floor = floor_textures.mosaic(detail, detail, detail // 12, rng)
+    wall = floor_textures.mosaic(detail, detail // 8, detail // 24, rng, mute=0.45)
     half, light = 1.7 * plan.reach, rng.uniform(0, 2 * np.pi)
     if options.floor == "plain":
         floor = np.full((8, 8, 3), PLAIN, np.uint8)
@@ -47,12 +47,12 @@ def _room(scratch: Path, plan: Plan, options: PhotosetOptions) -> Room:
     turn = plan.world_from_canonical[:2, :2]
     back = float(np.arctan2(turn[1, 1], turn[0, 1]))  # the object faces -Y
     if options.rug:
-        picture = mosaics.mosaic(detail // 2, detail // 3, detail // 24, rng, tone=0.6)
+        picture = floor_textures.mosaic(detail // 2, detail // 3, detail // 24, rng, tone=0.6)
         width = 1.9 * float(np.ptp(plan.vertices[:, :2], axis=0).max() * np.linalg.norm(turn[:, 0]))
         size = (width, width * picture.shape[0] / picture.shape[1])
         room = replace(room, rug=Rug(size, _saved(picture, scratch / "rug.png"), back + rng.uniform(-0.3, 0.3)))
     if options.wall:
-        picture = mosaics.mosaic(detail, detail // 2, detail // 12, rng, mute=0.45)
+        picture = floor_textures.mosaic(detail, detail // 2, detail // 12, rng, mute=0.45)
         distance = float(plan.vertices[:, 1].max() * np.linalg.norm(turn[:, 1])) + options.wall
         near = NearWall(distance, back, _saved(picture, scratch / "near.png"))
         # The main lamp and the one 2.4 radians further on both hang on the free side.

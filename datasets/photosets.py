@@ -28,9 +28,9 @@ from typing import Any
 
 import numpy as np
 
-from datasets import photography, staging, sweethome3d, truths
+from datasets import ground_truth, photography, staging, sweethome3d
 from datasets.staging import PhotosetError, PhotosetOptions
-from procmodels import studio
+from procmodels.studio import render
 
 __all__ = ["Photoset", "PhotosetError", "PhotosetOptions", "main", "read_photoset", "render_photoset"]
 
@@ -102,7 +102,7 @@ def render_photoset(mesh_path: Path, out: Path, options: PhotosetOptions | None 
         raise PhotosetError(f"{out}: is a file or has a photos folder without truth; choose another folder")
     plan = _open_studio(mesh_path, options)
     work = _work_folder(out, info)
-    truths.write_truth(work / "truth", plan, (options.width, options.height))
+    ground_truth.write_truth(work / "truth", plan, (options.width, options.height))
     photography.photograph(work / "photos", plan, options)
     if out.exists() and any(out.iterdir()):  # a README may wait there
         for name in ("photos", "truth"):  # truth last: its presence says that all is there
@@ -144,8 +144,8 @@ def _info(mesh_path: Path, options: PhotosetOptions) -> dict[str, Any]:
 def _open_studio(mesh_path: Path, options: PhotosetOptions) -> staging.Plan:
     """Import the mesh into the studio and decide where it and the cameras stand."""
     try:
-        vertices, faces = studio.load_mesh(mesh_path)
-    except studio.StudioError as error:
+        vertices, faces = render.load_mesh(mesh_path)
+    except render.StudioError as error:
         raise PhotosetError(str(error)) from error
     return staging.plan(vertices, faces, mesh_path.suffix, options)
 

@@ -1,7 +1,7 @@
 """Pix3D (Sun et al. 2018): pix3d.json, a list of records, one a photo, with "img", "mask", "model", "category".
 
 An object is a distinct model; several photos may show it. Models are y up and face -z. The camera of a record is read
-by recon.pix3d_record.
+by recon.files.pix3d_camera.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from datasets.real_object import DataError, RealObject, read_mesh, with_unique_names
+from datasets.catalogue_object import DataError, RealObject, read_mesh, with_unique_names
 
 RECORDS = "pix3d.json"
 CLASS_OF = {"bed": "bed", "bookcase": "shelf", "chair": "chair", "desk": "table", "sofa": "sofa", "table": "table"}

@@ -10,8 +10,8 @@ import re
 from functools import partial
 from pathlib import Path
 
-from datasets.real_object import DataError, RealObject, read_mesh
-from datasets.turns import turn
+from datasets.axis_rotations import turn
+from datasets.catalogue_object import DataError, RealObject, read_mesh
 
 CLASS_OF = {
     "02818832": "bed",

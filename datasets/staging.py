@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets import orbits
-from datasets.turns import AXES, turn
-from procmodels import studio
+from datasets import camera_rings
+from datasets.axis_rotations import AXES, turn
+from procmodels.studio import render
 
 Y_UP = (".obj", ".glb", ".gltf")  # formats whose files are usually Y-up; the others are taken as Z-up
 FLOORS = ("patterned", "plain")
@@ -66,7 +66,7 @@ class PhotosetOptions:
     @property
     def focal(self) -> float:
         """Focal length in pixels."""
-        return self.lens_mm / studio.SENSOR_MM * self.width
+        return self.lens_mm / render.SENSOR_MM * self.width
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Plan:
     K: np.ndarray
     cam_from_world: np.ndarray
     world_from_canonical: np.ndarray
-    shots: tuple[studio.Shot, ...]
+    shots: tuple[render.Shot, ...]
     reach: float
 
 
@@ -139,17 +139,17 @@ def plan(raw: np.ndarray, faces: np.ndarray, suffix: str, options: PhotosetOptio
     # A random yaw: the world's axes must not give the object's away.
     yaw = rng.uniform(0, 2 * np.pi)
     place = _stand(options.object_height, float(np.ptp(vertices[:, 2])), yaw)
-    K = orbits.intrinsics(options.width, options.height, options.focal)
+    K = camera_rings.intrinsics(options.width, options.height, options.focal)
     size = (options.width, options.height)
-    orbit = orbits.Orbit(arc=options.arc, towards=float(np.degrees(yaw)) - 90)
-    poses = orbits.plan(apply(place, vertices), options.views, K, size, orbit, rng)
+    orbit = camera_rings.Orbit(arc=options.arc, towards=float(np.degrees(yaw)) - 90)
+    poses = camera_rings.plan(apply(place, vertices), options.views, K, size, orbit, rng)
     places = np.linalg.inv(poses)
     shots = []
     for i, world_from_cam in enumerate(places):
         distance = float(np.linalg.norm(world_from_cam[:3, 3] - place[:3, 3]))
         exposure, focus, opening = rng.uniform(-0.2, 0.2), rng.uniform(0.92, 1.08), rng.uniform(0.0005, 0.0015)
         noise = 1000 * options.seed + i
-        shots.append(studio.Shot(world_from_cam, exposure, distance * focus, distance * opening, noise))
+        shots.append(render.Shot(world_from_cam, exposure, distance * focus, distance * opening, noise))
     names = tuple(f"photo_{i:03d}.jpg" for i in range(options.views))
     reach = float(np.linalg.norm(places[:, :2, 3], axis=1).max())
     return Plan(vertices, faces, to_canonical, names, K, poses, place, tuple(shots), reach)

@@ -12,7 +12,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from datasets.real_object import DataError
+from datasets.catalogue_object import DataError
 
 PROPERTIES = "PluginFurnitureCatalog.properties"
 MAX_FILE = 64 << 20  # bytes, unpacked: larger members are refused

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from datasets import file_axes, sweethome3d
-from datasets.real_object import RealObject, parse_mesh, with_unique_names
+from datasets import axes_tables, sweethome3d
+from datasets.catalogue_object import RealObject, parse_mesh, with_unique_names
 
 WORDS = {
     "chair": ("chair", "armchair"),
@@ -64,7 +64,7 @@ def in_catalogues(files: list[Path]) -> list[RealObject]:
     """The furniture of some catalogues. Raises CatalogueError for a damaged one."""
     objects = []
     for file in files:
-        axes = file_axes.find(file.stem)
+        axes = axes_tables.find(file.stem)
         for model in sweethome3d.read_catalogue(file):
             class_name = class_of(model.title or re.sub(r"[-_]", " ", model.name))
             if class_name is not None:

@@ -18,8 +18,6 @@ from torch import Tensor
 from nnproc.network import NetworkConfig, NNProc
 from procmodels.space import Params, ParamSpace
 
-WEIGHTS = Path(__file__).parent / "weights"
-
 
 class WeightsError(ValueError):
     """Weights that are missing, damaged, or of another class or parameter space."""
@@ -43,12 +41,11 @@ def save_network(path: Path, network: NNProc) -> None:
     partial.replace(path)
 
 
-def load_network(space: ParamSpace, path: Path | None = None) -> NNProc:
-    """The trained network of a space, in evaluation mode; `path` defaults to the shipped weights.
+def load_network(space: ParamSpace, path: Path) -> NNProc:
+    """The trained network of a space, in evaluation mode; shipped ones lie beside their models (Model.weights).
 
     Raises WeightsError when the file is missing, damaged, or of another class or parameter space.
     """
-    path = path or WEIGHTS / f"{space.name}.safetensors"
     if not path.is_file():
         raise WeightsError(
             f"there are no weights at {path}; train them with: python -m nnproc.train {space.name} --out {path}"

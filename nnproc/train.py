@@ -3,7 +3,7 @@
     python -m nnproc.train chair --data .cache/data/chair --work .cache/train/chair
 
 Every 500 steps the whole state goes to WORK; an interrupted run goes on from there and ends as an uninterrupted one
-would. At the end the weights and their card are written to nnproc/weights/.
+would. At the end the weights and their card are written beside the model's file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from datasets.synthetic import Pairs, read
-from nnproc.infer import WEIGHTS, device, grids_from_params, save_network, values_from_grids
+from nnproc.infer import device, grids_from_params, save_network, values_from_grids
 from nnproc.losses import VARIANTS, LossWeights, losses
 from nnproc.muon import Muon
 from nnproc.network import NetworkConfig, NNProc, cells_from_grid, parameter_count
@@ -246,7 +246,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("class_name", metavar="class")
     parser.add_argument("--data", type=Path, help="generated pairs (default .cache/data/CLASS)")
     parser.add_argument("--work", type=Path, help="checkpoints (default .cache/train/CLASS)")
-    parser.add_argument("--out", type=Path, help="where the weights go (default nnproc/weights/CLASS.safetensors)")
+    parser.add_argument("--out", type=Path, help="where the weights go (default: beside the model)")
     parser.add_argument("--steps", type=int, default=TrainOptions.steps)
     parser.add_argument("--batch", type=int, default=TrainOptions.batch)
     parser.add_argument("--seed", type=int, default=TrainOptions.seed)
@@ -263,7 +263,7 @@ def main(argv: list[str] | None = None) -> int:
         weights=VARIANTS[args.variant],
     )
     data = args.data or Path(".cache/data") / args.class_name
-    out = args.out or WEIGHTS / f"{args.class_name}.safetensors"
+    out = args.out or load(args.class_name).weights
     try:
         trainer = train(args.class_name, data, args.work or Path(".cache/train") / args.class_name, options)
         save_network(out, trainer.network)

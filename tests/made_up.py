@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 import procmodels
-from recon.raster import iou, silhouettes
-from recon.result import Result
+from recon.geometry.raster import iou, silhouettes
+from recon.outputs.result import Result
 from recon.scene import Cameras, Canonical, Frames, Poses, Silhouettes, cam_from_canonical
 
 CHAIR = {"width": 0.5, "depth": 0.5, "leg_height": 0.4, "legs": "basic", "arms": "basic", "back": "vbar"}

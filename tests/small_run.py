@@ -7,24 +7,28 @@ import logging
 import sys
 from pathlib import Path
 
-from recon import process
+from recon.system import process
 
 
 def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    from nnproc.fitting import FitOptions as LatentOptions
-    from recon import fit, outputs, pipeline, poses, silhouette_search
+    from nnproc.latent_fit import FitOptions as LatentOptions
+    from recon.cameras.sfm_options import PosesOptions
+    from recon.fitting import network_starts, silhouette_search
+    from recon.outputs import write
+    from recon.pipelines import photos
+    from recon.pipelines.stages import Redo
 
-    photos, out, masks = map(Path, sys.argv[1:4])
-    options = pipeline.ReconOptions(
+    folder, out, masks = map(Path, sys.argv[1:4])
+    options = photos.ReconOptions(
         masks=masks,
-        force="--force" in sys.argv,
-        poses=poses.PosesOptions(attempts=1),
-        fit=fit.FitOptions(size=32, max_views=4, latent=LatentOptions(bank=16, starts=2, keep=1, steps=3)),
+        redo=Redo(force="--force" in sys.argv),
+        poses=PosesOptions(attempts=1),
+        fit=network_starts.FitOptions(size=32, max_views=4, latent=LatentOptions(bank=16, starts=2, keep=1, steps=3)),
         refine=silhouette_search.RefineOptions(size=48, max_views=4, candidates=1),
-        outputs=outputs.OutputsOptions(renders=1, render_size=64),
+        outputs=write.OutputsOptions(renders=1, render_size=64),
     )
-    pipeline.run(photos, out, options)
+    photos.run(folder, out, options)
     return 0
 
 

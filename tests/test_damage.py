@@ -11,10 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from recon import pipeline, scene
-from recon.fit import Candidate, FitResult
-from recon.hull import Hull
-from recon.refine import Refined
+from recon import scene
+from recon.fitting.network_starts import Candidate, FitResult
+from recon.fitting.refine import Refined
+from recon.geometry.visual_hull import Hull
+from recon.pipelines import photos
+from recon.pipelines.stages import Redo, Stages
 from recon.scene import Cameras, Canonical, Frames, Poses, Silhouettes
 from recon.store import Store, dataclasses_of
 
@@ -182,7 +184,7 @@ def test_two_thousand_damages(stored, caplog):
 
 def staged(work, values):
     """The pipeline's own run of two stages that give arrays of these values; what they gave, and who was computed."""
-    stages, computed = pipeline._Stages(work, pipeline.ReconOptions(), ["inputs"]), []
+    stages, computed = Stages(work, photos.STAGES, dataclasses_of(*photos.KNOWN), ["inputs"], Redo()), []
 
     def stage(name, value):
         return stages.run(name, [], lambda: computed.append(name) or Hull(np.full((2, 2, 2), value)))

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.refine import Refined
+from recon.fitting.refine import Refined
 from recon.scene import Canonical
-from recon.store import Store, digest, folder_digest
+from recon.store import Store
+from recon.system.digests import digest, folder_digest
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""python -m recon.evaluate TABLE: measure what the README promises; each table is a command of its own."""
+"""python -m recon.evaluate TABLE: measure what docs/results.md says; each table is a command of its own."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError
 from procmodels import ModelError, names
-from recon import net, process
-from recon.arguments import Parser
-from recon.evaluate import alignment, calibration, chair, gallery, robust, speed, table1, table1_rows, table2, table3
-from recon.evaluate.real_answers import INPUTS
+from recon.evaluate import alignment, calibration, chair, gallery, robust
 from recon.evaluate.rows import Row, machine, print_table, read_json_rows, write_json
-from recon.evaluate.speed_rows import SpeedOptions, quick, read_rows, write_rows
-from recon.evaluate.table2 import Table2Row
+from recon.evaluate.speed import command as speed
+from recon.evaluate.speed.rows import SpeedOptions, quick, read_rows, write_rows
+from recon.evaluate.tables import table1, table1_rows, table2, table3
+from recon.evaluate.tables.real_answers import INPUTS
+from recon.evaluate.tables.table2_rows import Table2Row
 from recon.scene import InputError
+from recon.system import net, process
+from recon.system.arguments import Parser
 
 WORK = Path(".cache/evaluate")
 
@@ -41,11 +43,11 @@ def _command(argv: list[str] | None, about: net.About) -> int:
     _robust_flags(tables.add_parser("robust", help="what wrong and half-hidden masks cost"))
     _calibration_flags(tables.add_parser("calibration", help="is the stated confidence right? sets and plots it"))
     _alignment_flags(tables.add_parser("alignment", help="up, yaw, front and size of photo sets that make it hard"))
-    for command in tables.choices.values():
-        command.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
+    for table in tables.choices.values():
+        table.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
-    for command in tables.choices.values():
-        command.add_argument("--work", type=Path, default=WORK, help="intermediate results, kept between runs")
+    for table in tables.choices.values():
+        table.add_argument("--work", type=Path, default=WORK, help="intermediate results, kept between runs")
     args = parser.parse_args(argv)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     about.what = args.table
@@ -73,7 +75,7 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--grid", action="append", choices=table1.GRIDS, help="on- or off-grid shapes; both")
     parser.add_argument("--variant-steps", type=int, default=options.variant_steps, help="training steps of ablations")
     parser.add_argument("--data", type=Path, default=options.data, help="generated pairs, for training the ablations")
-    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the README's table of FILE")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE")
     parser.set_defaults(run=_table1)
 
 
@@ -222,7 +224,7 @@ def _gallery(args: argparse.Namespace) -> int:
 def _speed_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="under a minute: few repeats, no photos")
     parser.add_argument("--repeats", type=int, default=SpeedOptions.repeats, help="turns of every side (5)")
-    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the README's table of FILE")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE")
     parser.set_defaults(run=_speed)
 
 

@@ -22,8 +22,8 @@ from tqdm import tqdm
 from datasets.photosets import Photoset, read_photoset, render_photoset
 from procmodels import Model, load
 from recon.evaluate.chair import SET_OPTIONS, hidden_params, read_result, reconstruct, rendered_sets
+from recon.evaluate.data.scenes import Misaligned, misaligned
 from recon.evaluate.rows import Row
-from recon.evaluate.scenes import Misaligned, misaligned
 from recon.scene import ReconError
 
 Chosen = Callable[[Photoset, Path], None]

@@ -18,12 +18,12 @@ import numpy as np
 import trimesh
 from PIL import Image, ImageDraw, ImageFont
 
-from datasets.real import DataError, RealObject, objects
+from datasets.catalogues import DataError, RealObject, objects
 from procmodels import names
-from recon import net, process
-from recon.arguments import Parser, readable
+from recon.outputs.previews import view
 from recon.scene import InputError
-from recon.shade import view
+from recon.system import net, process
+from recon.system.arguments import Parser, readable
 
 CELL = 260  # px, side of a picture
 CAPTION = 40  # px below it: name, class and number of triangles
@@ -102,7 +102,9 @@ def main(argv: list[str] | None = None) -> int:
 def _command(argv: list[str] | None, about: net.About) -> int:
     """List or draw; raises what net.run says to the user."""
     parser = Parser(prog="python -m recon.evaluate.axes", description=__doc__)
-    parser.add_argument("path", type=Path, help="whatever datasets.real reads: .sh3f, Pix3D, ShapeNet, mesh folders")
+    parser.add_argument(
+        "path", type=Path, help="whatever datasets.catalogues reads: .sh3f, Pix3D, ShapeNet, mesh folders"
+    )
     parser.add_argument("--class", dest="class_name", choices=names(), help="only this class")
     parser.add_argument("--limit", type=int, help="only the first objects")
     parser.add_argument("--picture", type=Path, help="file of the contact sheet; without it the objects are listed")

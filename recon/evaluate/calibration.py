@@ -19,14 +19,15 @@ from tqdm import tqdm
 
 from procmodels import Model, load
 from procmodels.space import Params
-from recon import align, fit, hull, refine
-from recon.confidence import FILE, Calibration, chance, quantile
-from recon.evaluate.held_out import cases
+from recon.evaluate.data.held_out import cases
+from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.evaluate.robust import grown
 from recon.evaluate.rows import Row
-from recon.evaluate.scenes import drawn_scene, orbit
+from recon.fitting import network_starts, refine
+from recon.fitting.uncertainty import FILE, Calibration, chance, quantile
+from recon.geometry import align, visual_hull
 from recon.scene import ReconError, Silhouettes
-from recon.whole_files import write_picture
+from recon.system.whole_files import write_picture
 
 LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 TAILS = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
@@ -67,7 +68,7 @@ def samples(options: CalibrationOptions) -> list[Sample]:
                 masks = worn(masks, rng, options.growth)
                 try:
                     where = align.run(poses, masks)
-                    fitted = fit.run(model, poses, masks, where, hull.run(poses, masks, where))
+                    fitted = network_starts.run(model, poses, masks, where, visual_hull.run(poses, masks, where))
                     found = refine.run(model, poses, masks, where, fitted)
                 except ReconError:
                     continue

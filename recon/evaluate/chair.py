@@ -17,14 +17,15 @@ from datasets.photosets import Photoset, PhotosetOptions, read_photoset, render_
 from datasets.synthetic import SyntheticOptions, shape_params
 from datasets.voxels import surface_grid
 from nnproc import child
-from nnproc.infer import WEIGHTS, grids_from_params, load_network, values_from_grids
+from nnproc.infer import grids_from_params, load_network, values_from_grids
 from procmodels import Model, load
 from procmodels.space import Params
-from recon import align, fit, hull, refine
+from recon.evaluate.data.scenes import drawn_scene, misaligned, orbit, read_mask, true_scene
 from recon.evaluate.metrics import chamfer, d_voxel
 from recon.evaluate.rows import Row
-from recon.evaluate.scenes import drawn_scene, misaligned, orbit, read_mask, true_scene
-from recon.raster import iou, silhouettes
+from recon.fitting import network_starts, refine
+from recon.geometry import align, visual_hull
+from recon.geometry.raster import iou, silhouettes
 from recon.scene import Cameras, Canonical, Poses, ReconstructionError, Silhouettes, cam_from_canonical
 
 ROOT = Path(__file__).parents[2]
@@ -42,7 +43,7 @@ def run(work: Path, quick: bool) -> list[Row]:
     if not quick:
         rows += photo_rows(model, work)
     rows += network_rows(model, 100 if quick else 300)
-    card = json.loads((WEIGHTS / "chair.json").read_text())
+    card = json.loads(model.weights.with_suffix(".json").read_text())
     return [*rows, Row("training, minutes", card["minutes"], "<= 90")]
 
 
@@ -149,8 +150,8 @@ def known_camera_rows(model: Model, work: Path, quick: bool) -> list[Row]:
 def from_silhouettes(model: Model, poses: Poses, masks: Silhouettes) -> refine.Refined:
     """The stages after the photographs: align, hull, fit, refine."""
     place = align.run(poses, masks)
-    solid = hull.run(poses, masks, place)
-    return refine.run(model, poses, masks, place, fit.run(model, poses, masks, place, solid))
+    solid = visual_hull.run(poses, masks, place)
+    return refine.run(model, poses, masks, place, network_starts.run(model, poses, masks, place, solid))
 
 
 def network_rows(model: Model, shapes: int) -> list[Row]:
@@ -159,7 +160,7 @@ def network_rows(model: Model, shapes: int) -> list[Row]:
     truth = [shape_params(model, "test_on", i, options) for i in range(shapes)]
     built = [model.build(p) for p in truth]
     grids = np.stack([surface_grid(s.vertices(), s.triangles()) for s in built])
-    network = load_network(model.space)
+    network = load_network(model.space, model.weights)
     vectors = network.codec.vectors(truth)
     values = values_from_grids(network, grids)
     meshes = [s.to_trimesh() for s in built]

@@ -18,10 +18,10 @@ from PIL import Image, ImageDraw, ImageFont
 from nnproc.infer import grids_from_params, load_network
 from procmodels import Model, load
 from procmodels.shape import Part, Shape
-from recon.evaluate.held_out import Case, bank_path, cases
-from recon.evaluate.methods import METHODS, Bench
+from recon.evaluate.data.held_out import Case, bank_path, cases
 from recon.evaluate.metrics import chamfer, d_voxel
-from recon.shade import render_previews
+from recon.evaluate.tables.methods import METHODS, Bench
+from recon.outputs.previews import render_previews
 
 CAMERAS = "spread"  # the four cameras of the pictures' Task 4
 MARGIN, GAP, CAPTION = 10, 8, 24  # pixels
@@ -56,7 +56,7 @@ def run(classes: list[str], options: GalleryOptions = GalleryOptions()) -> Itera
     """Draw the picture of each class, CLASS.jpg; yields their paths. Raises ModelError and WeightsError."""
     for name in classes:
         model = load(name)
-        bench = Bench(model, load_network(model.space), options.work, options.data)
+        bench = Bench(model, load_network(model.space, model.weights), options.work, options.data)
         picture = draw([_random_shapes(model, options), *held_out_rows(bench, options)], options)
         options.out.mkdir(parents=True, exist_ok=True)
         path = options.out / f"{name}.jpg"

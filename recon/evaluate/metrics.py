@@ -1,4 +1,4 @@
-"""The measures, as pinned down in the README: D_chamfer with its floor, D_voxel."""
+"""The measures, as pinned down in docs/results.md: D_chamfer with its floor, D_voxel."""
 
 from __future__ import annotations
 

@@ -22,18 +22,18 @@ import trimesh
 
 from datasets.pix3d import PIX3D_FROM_CANONICAL
 from procmodels import Model, load
-from recon import net, process
-from recon.arguments import Parser, readable
-from recon.camera_search import FoundView, find
+from recon.evaluate.data.scenes import read_mask
 from recon.evaluate.metrics import best_turn
 from recon.evaluate.rows import Row, print_table
-from recon.evaluate.scenes import read_mask
-from recon.mask_windows import guessed_K, mask_box
-from recon.raster import iou, silhouettes
+from recon.fitting.camera_search import FoundView, find
+from recon.fitting.silhouette_bank import load_bank
+from recon.fitting.view_search import CameraSearchOptions, OneView
+from recon.geometry.raster import iou, silhouettes
+from recon.geometry.view_geometry import guessed_K, mask_box
 from recon.scene import Cameras, InputError, cam_from_canonical
-from recon.view_bank import load_bank
-from recon.view_search import CameraSearchOptions, OneView
-from recon.whole_files import write_picture
+from recon.system import net, process
+from recon.system.arguments import Parser, readable
+from recon.system.whole_files import write_picture
 
 SIDE = 1000  # px, longest side that masks are reduced to
 AIMS = {"iou": ">= 0.8", "d_chamfer": "<= 0.015"}

@@ -15,17 +15,17 @@ import trimesh
 from tqdm import tqdm
 
 from procmodels import Model, load
-from recon.camera_search import find
 from recon.evaluate.chair import from_silhouettes
-from recon.evaluate.held_out import Case, cases
+from recon.evaluate.data.held_out import Case, cases
+from recon.evaluate.data.scenes import drawn_scene, orbit
+from recon.evaluate.data.true_views import one_view
 from recon.evaluate.metrics import chamfer
 from recon.evaluate.rows import Row
-from recon.evaluate.scenes import drawn_scene, orbit
-from recon.evaluate.true_views import one_view
+from recon.fitting.camera_search import find
+from recon.fitting.silhouette_bank import load_bank
+from recon.fitting.view_search import CameraSearchOptions, OneView
+from recon.masks.silhouettes import SilhouetteOptions, judge
 from recon.scene import Poses, ReconError, Silhouettes
-from recon.silhouettes import SilhouetteOptions, judge
-from recon.view_bank import load_bank
-from recon.view_search import CameraSearchOptions, OneView
 
 VIEWS = 24
 DOUBT = 10.0  # degrees, what is said of a camera that is off

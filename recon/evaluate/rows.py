@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 from recon.scene import InputError
-from recon.user_files import read_json
+from recon.system.user_files import read_json
 
 T = TypeVar("T")
 

@@ -15,7 +15,6 @@ from typing import IO
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.names import COLOURS, POINTS, axis_columns
 from recon.files.polygons import table_triangles
@@ -23,6 +22,7 @@ from recon.files.rows import kept, picked
 from recon.files.shape import Cloud, Grid, Kind, Recognised, Shape, Surface, cloud_of, not_too_many
 from recon.files.voxels import gathered
 from recon.scene import InputError
+from recon.system import limits
 
 
 @dataclass(frozen=True)

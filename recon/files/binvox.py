@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.shape import Grid, Kind, Recognised
 from recon.files.voxels import thinned
 from recon.scene import InputError
+from recon.system import limits
 
 
 def is_binvox(head: Head) -> bool:

@@ -8,11 +8,11 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from recon import limits
 from recon.files.child import arrays_of
 from recon.files.head import Head
 from recon.files.shape import Surface
 from recon.scene import InputError
+from recon.system import limits
 
 _USD = (".usd", ".usda", ".usdc")
 

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from recon import colmap_model, transforms_file
-from recon.camera_photos import Library
-from recon.camera_records import CameraRecords
-from recon.files import llff, metashape, polycam, realitycapture, splat_cameras
-from recon.folders import entries
+from recon.files import colmap_model, llff, metashape, polycam, realitycapture, splat_cameras, transforms_json
+from recon.files.camera_records import CameraRecords
+from recon.files.image_library import Library
 from recon.scene import InputError
+from recon.system.folders import entries
 
 MODEL_FOLDERS = (".", "sparse/0", "sparse", "colmap/sparse/0", "cameras")
 TRANSFORMS = ("transforms.json", "transforms_train.json")
@@ -35,7 +34,7 @@ class CameraReader:
 
 
 def _transforms_files(path: Path) -> list[Path]:
-    return [p for p in (path, transforms_file.points_file(path)) if p is not None]
+    return [p for p in (path, transforms_json.points_file(path)) if p is not None]
 
 
 # A model first: it brings points.
@@ -43,8 +42,8 @@ READERS = (
     CameraReader("a COLMAP model", colmap_model.is_model, lambda p, _: colmap_model.read(p), colmap_model.files),
     CameraReader(
         "transforms.json",
-        transforms_file.is_transforms,
-        lambda p, library: transforms_file.read(p, library.upright_size),
+        transforms_json.is_transforms,
+        lambda p, library: transforms_json.read(p, library.upright_size),
         _transforms_files,
         "OpenGL",
     ),

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from recon import limits
 from recon.scene import InputError
+from recon.system import limits
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}

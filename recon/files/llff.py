@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.camera_records import CameraRecords, from_rows, rigid
 from recon.files.arrays import arrays_in
-from recon.lenses import lens
+from recon.files.camera_records import CameraRecords, from_rows, rigid
+from recon.geometry.lenses import lens
 from recon.scene import InputError
 
 

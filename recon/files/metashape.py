@@ -13,10 +13,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from recon.camera_records import CameraRecords, from_rows, rigid
-from recon.lenses import lens
+from recon.files.camera_records import CameraRecords, from_rows, rigid
+from recon.geometry.lenses import lens
 from recon.scene import InputError, Lens
-from recon.user_files import read_bytes
+from recon.system.user_files import read_bytes
 
 _SMALL = 1.0  # px that may be left out
 

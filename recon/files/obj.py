@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head, decoded
 from recon.files.polygons import fans
 from recon.files.shape import Cloud, Kind, Recognised, Surface, counted, not_too_many
 from recon.scene import InputError
+from recon.system import limits
 
 _PORTION = 1 << 24  # bytes
 _VERTEX = re.compile(r"^[ \t]*v[ \t]+\S", re.MULTILINE)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.rows import kept, numbers, picked
 from recon.files.shape import Cloud, Kind, Recognised, cloud_of
 from recon.scene import InputError
+from recon.system import limits
 
 _HEAD = 1 << 16
 _KINDS = {"F": "f", "I": "i", "U": "u"}

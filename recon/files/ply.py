@@ -7,12 +7,12 @@ from typing import cast
 
 import numpy as np
 
-from recon import limits
 from recon.files.packed_splat import PACKED, unpacked
 from recon.files.ply_elements import Column, Header, Lists, columns_of, header_of
 from recon.files.polygons import fans, strips
 from recon.files.shape import Cloud, Gaussians, Kind, Recognised, Shape, Surface, cloud_of, not_too_many, splat_of
 from recon.scene import InputError
+from recon.system import limits
 
 _GAUSSIAN = {"scale_0", "rot_0"}
 

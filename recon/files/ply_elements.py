@@ -9,9 +9,9 @@ from typing import IO
 
 import numpy as np
 
-from recon import limits
 from recon.files.rows import kept, numbers, picked
 from recon.scene import InputError
+from recon.system import limits
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.camera_records import CameraRecords, from_rows, read_json, rigid
-from recon.lenses import lens
+from recon.files.camera_records import CameraRecords, from_rows, read_json, rigid
+from recon.files.transforms_json import OPENCV_FROM_OPENGL
+from recon.geometry.lenses import lens
 from recon.scene import InputError
-from recon.transforms_file import OPENCV_FROM_OPENGL
 
 _PAIRS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from recon.camera_records import CameraRecords, SizeOf, from_rows
-from recon.lenses import lens
+from recon.files.camera_records import CameraRecords, SizeOf, from_rows
+from recon.files.transforms_json import OPENCV_FROM_OPENGL
+from recon.geometry.lenses import lens
 from recon.scene import InputError
-from recon.transforms_file import OPENCV_FROM_OPENGL
-from recon.user_files import read_bytes
+from recon.system.user_files import read_bytes
 
 _FILM = 36.0  # mm, of the picture's longer side
 _NEEDED = {"x", "y", "alt", "heading", "pitch", "roll", "f"}

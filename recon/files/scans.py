@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.child import arrays_of
 from recon.files.head import Head
 from recon.files.rows import kept
 from recon.files.shape import Cloud, Kind, Recognised, cloud_of
 from recon.scene import InputError
+from recon.system import limits
 
 _LAS_RECORD = 54  # bytes of the shortest record before the points
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head
 from recon.scene import InputError
+from recon.system import limits
 
 
 class Kind(StrEnum):

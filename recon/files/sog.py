@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.quaternions import from_smallest_three
 from recon.files.shape import Gaussians, Kind, Recognised, splat_of
 from recon.scene import InputError
+from recon.system import limits
 
 
 def is_sog(head: Head) -> bool:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.rows import kept, picked
 from recon.files.shape import Gaussians, Kind, Recognised, splat_of
 from recon.scene import InputError
+from recon.system import limits
 
 _ROW = np.dtype([("at", "<f4", 3), ("sigma", "<f4", 3), ("colour", "u1", 4), ("turn", "u1", 4)])
 _HEAD, _SECTION = 4096, 1024  # bytes of a .ksplat's header, and of each section's

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.camera_records import CameraRecords, from_rows, read_json, rigid
-from recon.lenses import lens
+from recon.files.camera_records import CameraRecords, from_rows, read_json, rigid
+from recon.geometry.lenses import lens
 from recon.scene import InputError
 
 _NEEDED = {"img_name", "width", "height", "position", "rotation", "fx", "fy"}

@@ -15,11 +15,11 @@ from typing import IO, cast
 import numpy as np
 import zstandard
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.quaternions import from_smallest_three
 from recon.files.shape import Gaussians, Kind, Recognised, splat_of
 from recon.scene import InputError
+from recon.system import limits
 
 _MAGIC = b"NGSP"
 

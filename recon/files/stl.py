@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head
 from recon.files.shape import Kind, Recognised, Surface, not_too_many
 from recon.scene import InputError
+from recon.system import limits
 
 log = logging.getLogger("recon")
 

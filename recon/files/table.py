@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import limits
 from recon.files.head import Head, decoded
 from recon.files.names import axis_columns
 from recon.files.rows import kept
 from recon.files.shape import Cloud, Kind, Recognised
 from recon.scene import InputError
+from recon.system import limits
 
 _COMMENT = ("#", "//", "%", "!", "*")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|[-+]?(nan|inf(inity)?)", re.IGNORECASE)

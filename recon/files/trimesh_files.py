@@ -7,11 +7,11 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from datasets.triangles import scene_triangles
-from recon import limits
+from datasets.mesh_reader import scene_triangles
 from recon.files.head import Head
 from recon.files.shape import Kind, Recognised, Surface
 from recon.scene import InputError
+from recon.system import limits
 
 
 def is_off(head: Head) -> bool:

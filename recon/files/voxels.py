@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from recon import limits
+from recon.system import limits
 
 
 def thinned(filled: np.ndarray) -> np.ndarray:

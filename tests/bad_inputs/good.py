@@ -16,9 +16,10 @@ from PIL import Image
 
 from nnproc.rays import look_at_cameras
 from procmodels import load
-from recon import camera_files, colmap_model, pix3d_record
-from recon.photo import pillow_heif
-from recon.raster import silhouettes
+from recon.files import colmap_model, pix3d_camera
+from recon.files.photo import pillow_heif
+from recon.geometry.raster import silhouettes
+from recon.outputs import camera_export
 from recon.scene import Cameras, Poses
 from tests.bad_inputs import more_shapes
 
@@ -123,8 +124,8 @@ def _mask(mask: np.ndarray, path: Path) -> None:
 
 def _record(made: Scene) -> dict[str, object]:
     K, pose = made.cameras.K[0], made.cameras.cam_from_world[0]
-    rotation = pix3d_record.OPENCV_FROM_PIX3D.T @ pose[:3, :3] @ pix3d_record.PIX3D_FROM_CANONICAL.T
-    translation = pix3d_record.OPENCV_FROM_PIX3D.T @ pose[:3, 3]
+    rotation = pix3d_camera.OPENCV_FROM_PIX3D.T @ pose[:3, :3] @ pix3d_camera.PIX3D_FROM_CANONICAL.T
+    translation = pix3d_camera.OPENCV_FROM_PIX3D.T @ pose[:3, 3]
     return {
         "img": "img/chair/0007.jpg",
         "mask": "mask/chair/0007.png",
@@ -147,10 +148,10 @@ def _known_cameras(made: Scene, folder: Path) -> Iterator[Good]:
         paths = tuple(photos / n for n in made.cameras.names)
         points = np.random.default_rng(2).uniform(-0.5, 0.5, (200, 3))
         written = own / "written"
-        camera_files.write(written, Poses(made.cameras, paths, points, np.zeros((200, VIEWS), bool)))
+        camera_export.write(written, Poses(made.cameras, paths, points, np.zeros((200, VIEWS), bool)))
         words = ("photos", "--masks", "masks", "--cameras")
         if kind == "transforms":
-            content = camera_files.transforms(made.cameras, [f"photos/{n}" for n in made.cameras.names], [""] * VIEWS)
+            content = camera_export.transforms(made.cameras, [f"photos/{n}" for n in made.cameras.names], [""] * VIEWS)
             (own / "transforms.json").write_text(json.dumps(content))
             yield Good(own.name, (*words, "transforms.json"), ("transforms.json",), text=True)
             yield Good(own.name, (*words, "transforms.json"), ("masks/p0.png", "photos/p1.png"))
@@ -255,7 +256,7 @@ def _splats(made: Scene, folder: Path) -> Iterator[Good]:
     yield Good("splat", ("a.ply",), ("a.ply",))
     own = _in(folder, "splat-and-cameras")
     (own / "a.ply").write_bytes(_ply(points, extra))
-    content = camera_files.transforms(made.cameras, [f"photos/{n}" for n in made.cameras.names], [""] * VIEWS)
+    content = camera_export.transforms(made.cameras, [f"photos/{n}" for n in made.cameras.names], [""] * VIEWS)
     (own / "transforms.json").write_text(json.dumps(content))
     yield Good(own.name, ("a.ply", "--cameras", "transforms.json"), ("a.ply", "transforms.json"))
 

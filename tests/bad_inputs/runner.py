@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recon import process
+from recon.system import process
 from tests.bad_inputs import cases as making
 from tests.bad_inputs.cases import Case
 
@@ -54,19 +54,34 @@ def load_everything(whole: bool) -> None:
 
     import bpy  # noqa: F401
 
-    for name in ("run_recon", "recon.evaluate.axes", "recon.evaluate.__main__", "recon.poses", "recon.from_masks"):
+    for name in (
+        "run_recon",
+        "recon.evaluate.axes",
+        "recon.evaluate.__main__",
+        "recon.cameras.poses",
+        "recon.pipelines.mask_set",
+    ):
         importlib.import_module(name)
-    for name in ("recon.shape_pipeline", "recon.from_image", "recon.pipeline", "open3d", "pillow_heif", "pycolmap"):
+    for name in (
+        "recon.pipelines.shape",
+        "recon.pipelines.image",
+        "recon.pipelines.photos",
+        "open3d",
+        "pillow_heif",
+        "pycolmap",
+    ):
         importlib.import_module(name)
     if whole:
         return
-    from recon import fit, from_image, poses, shape_fit
+    from recon.cameras import poses
+    from recon.fitting import network_starts, shape_fit
+    from recon.pipelines import image
     from recon.scene import ReconstructionError
 
     def left_out(*args: object, **options: object) -> None:
         raise ReconstructionError("all was read, and the search is left out")
 
-    for module, name in ((fit, "run"), (from_image, "search"), (poses, "run"), (shape_fit, "run")):
+    for module, name in ((network_starts, "run"), (image, "search"), (poses, "run"), (shape_fit, "run")):
         setattr(module, name, left_out)
 
 

@@ -1,1 +1,0 @@
-"""Trained networks, one `<class>.safetensors` a class, each with its card `<class>.json`."""

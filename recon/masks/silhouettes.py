@@ -1,0 +1,230 @@
+"""Stage 3: where the object is in every photo.
+
+A mask that the user drew wins over the photo's alpha channel, and that over what is found automatically (`cutout`).
+All masks are compared with the shape that the others agree on; those that contradict it are not used.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from recon.files import mask_images
+from recon.geometry import floor_from_masks, mask_checks, voxel_carving
+from recon.geometry.room_planes import FloorOptions, Room, find_room
+from recon.geometry.undistort import undistorted_mask
+from recon.masks.segmentation import CutoutOptions, cut_out
+from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError, Silhouettes
+from recon.system.names import unique
+from recon.system.whole_files import write_picture
+
+log = logging.getLogger("recon.masks.silhouettes")
+
+
+@dataclass(frozen=True)
+class SilhouetteOptions:
+    """How the object is told from the room."""
+
+    seed: int = 0  # RANSAC and GrabCut; same seed, same photos: same masks
+    floor: FloorOptions = field(default_factory=FloorOptions)
+    cutout: CutoutOptions = field(default_factory=CutoutOptions)
+    few: int = 8  # photos; with fewer, that nothing was found is put down to it
+    judge_cells: int = 96  # cells along the object's box in which masks are compared
+    judge_share: float = 0.8  # of the other masks that must contain a cell
+    judge_below: float = 0.6  # a view is dropped when its IoU with the others' shape is below this x the median IoU
+    consistent: float = 0.6  # of inverted masks, turned round, that their common shape must explain to be believed
+    judge_least: int = 4  # masks; fewer cannot outvote one
+
+
+def run(
+    frames: Frames,
+    poses: Poses,
+    masks_dir: Path | None,
+    workdir: Path,
+    options: SilhouetteOptions = SilhouetteOptions(),
+) -> Silhouettes:
+    """Masks of all registered photos; also written to `workdir`/masks as PHOTO.png, white = object.
+
+    masks_dir  the user's own masks (`usermasks.load_folder`), drawn on the upright photos before undistortion
+    Raises InputError when no given mask can be used, ReconstructionError when the object cannot be found without one.
+    """
+    cameras = poses.cameras
+    known, unknown, reasons = mask_images.known(frames, poses, masks_dir)
+    given = {cameras.names.index(name): mask for name, (_, mask) in known.items()}
+    open_views = [v for v, name in enumerate(cameras.names) if v not in given and name not in dict(reasons)]
+    room, problem = _room(poses, options, bool(open_views))
+    given, warnings = _white_is_object(given, poses, room, options)
+    masks = [given.get(v, np.zeros((int(h), int(w)), bool)) for v, (w, h) in enumerate(cameras.sizes)]
+    if open_views:
+        try:
+            if room is None:
+                raise ReconstructionError(problem)
+            found = _found(poses, room, given, options)
+            masks = [found[v] if v in open_views else m for v, m in enumerate(masks)]
+        except ReconstructionError as error:
+            if not given and len(cameras) < options.few:
+                raise ReconstructionError(
+                    f"{len(cameras)} photos are too few to tell the object from the room by themselves; give masks "
+                    "(--masks, white = object), or more photos"
+                ) from error
+            if not given:
+                raise
+            reasons += [(cameras.names[v], f"has no mask, and none was found: {error}") for v in open_views]
+    warnings += mask_checks.implausible([masks[v] for v in open_views])
+    reasons += [(n, "nothing of the object was found in it") for n in _empty(cameras, masks, reasons)]
+    bad = dict(reasons)
+    used = np.array([name not in bad for name in cameras.names])
+    used, disagreeing = judge(cameras, masks, used, room, options)
+    reasons += disagreeing
+    for name, reason in reasons:
+        log.warning("%s is not used: %s", name, reason)
+    for warning in warnings:
+        log.warning(warning)
+    if not used.any():
+        raise ReconstructionError("no photo shows the object clearly; give masks (--masks, white = object)")
+    _write(cameras, masks, workdir / "masks")
+    source = tuple("grabcut" if v in open_views else known.get(n, ("user",))[0] for v, n in enumerate(cameras.names))
+    trusted = np.flatnonzero(used)
+    level = floor_from_masks.floor(
+        None if room is None else room.floor, cameras.subset(trusted), [masks[v] for v in trusted], not open_views
+    )
+    hidden = tuple(unknown.get(name) for name in cameras.names) if unknown else ()
+    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), hidden, tuple(warnings))
+
+
+def _white_is_object(
+    given: dict[int, np.ndarray], poses: Poses, room: Room | None, options: SilhouetteOptions
+) -> tuple[dict[int, np.ndarray], list[str]]:
+    """The given masks, by view, with inverted ones turned round, and a warning that says so.
+
+    An inverted mask is white along the photo's edge. An object that fills its photos may be so, too: the masks turned
+    round must agree on a shape.
+    """
+    suspects = [v for v, mask in given.items() if mask_checks.edge_share(mask) > mask_checks.SUSPECT]
+    if not suspects:
+        return given, []
+    names = [poses.cameras.names[v] for v in suspects]
+    turned = dict(given)
+    for v, name in zip(suspects, names, strict=True):
+        seen = np.ones_like(given[v])  # what the lens did not see is no object either
+        turned[v] = undistorted_mask(seen, poses, name) & ~given[v]
+    views = sorted(turned)
+    if len(views) == 1:
+        agree = mask_checks.surely_inverted(given[views[0]])
+    else:
+        agree = _explained(poses.cameras.subset(views), [turned[v] for v in views], room, options) > options.consistent
+    if not agree:
+        return given, []
+    some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+    return turned, [
+        f"{len(names)} of {len(given)} masks are inverted (white = background: {some}); black is taken as the object"
+    ]
+
+
+def _room(poses: Poses, options: SilhouetteOptions, needed: bool) -> tuple[Room | None, str]:
+    """The room, or None and why it was not found, which is only said when it is needed."""
+    try:
+        return find_room(poses.points, poses.cameras, np.random.default_rng(options.seed), options.floor), ""
+    except ReconstructionError as error:
+        log.log(logging.INFO if needed and len(poses.points) else logging.DEBUG, "%s", error)
+        return None, str(error)
+
+
+def _found(poses: Poses, room: Room, given: dict[int, np.ndarray], options: SilhouetteOptions) -> list[np.ndarray]:
+    images = []
+    for path, (width, height) in zip(poses.paths, poses.cameras.sizes, strict=True):
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None or image.shape[:2] != (height, width):
+            raise InputError(f"the undistorted photo {path} is missing or damaged; run again with --force")
+        images.append(image)
+    return cut_out(images, poses.cameras, room, given, options.cutout, options.seed)
+
+
+def _empty(cameras: Cameras, masks: list[np.ndarray], reasons: list[tuple[str, str]]) -> list[str]:
+    named = dict(reasons)
+    return [n for n, m in zip(cameras.names, masks, strict=True) if n not in named and not m.any()]
+
+
+def judge(
+    cameras: Cameras, masks: list[np.ndarray], used: np.ndarray, room: Room | None, options: SilhouetteOptions
+) -> tuple[np.ndarray, list[tuple[str, str]]]:
+    """Which views agree with the shape that the other used views carve, and (name, reason) of those that do not.
+
+    Twice, because a wrong mask also spoils the shape that the others are measured with.
+    """
+    reasons: list[tuple[str, str]] = []
+    for _ in range(2):
+        views = np.flatnonzero(used)
+        if len(views) < options.judge_least:
+            break
+        scores = _agreement(cameras.subset(views), [masks[v] for v in views], room, options)
+        if scores is None:
+            break  # no common shape to measure with: do not accuse anybody
+        limit = options.judge_below * float(np.median(scores))
+        wrong = [(int(v), float(s)) for v, s in zip(views, scores, strict=True) if s < limit]
+        used = used.copy()
+        for v, score in wrong:
+            used[v] = False
+            usual = f"usual for this object: {np.median(scores):.2f}"
+            reasons.append(
+                (cameras.names[v], f"its mask contradicts the others: overlap {score:.2f} with their shape ({usual})")
+            )
+        if not wrong:
+            break
+    return used, reasons
+
+
+def _agreement(
+    cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions
+) -> np.ndarray | None:
+    """(V,) IoU of each mask with the picture of the hull that the other masks carve; None when they carve nothing."""
+    # A cell's middle can fall beside a member that is thinner than a cell: one pixel of slack.
+    wide = [cv2.dilate(m.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32) for m in masks]
+    cells = _block(cameras, masks, room, 64)
+    need = options.judge_share * (len(cameras) - 1)
+    rough = (voxel_carving.add_up(cells, cameras, wide) >= need) & voxel_carving.seen_by_most(cells, cameras)
+    if not rough.any():
+        return None
+    cells = voxel_carving.around(cells, rough, options.judge_cells)
+    seen, every = voxel_carving.seen_by_most(cells, cameras), voxel_carving.add_up(cells, cameras, wide)
+    scores = []
+    for v, mask in enumerate(masks):
+        solid = (every - voxel_carving.add_up(cells, cameras.subset([v]), [wide[v]]) >= need) & seen
+        shape = voxel_carving.picture(cells, solid, cameras, v)
+        scores.append((shape & mask).sum() / max(1, (shape | mask).sum()))
+    return np.array(scores)
+
+
+def _explained(cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions) -> float:
+    """The median share of a mask that the shape which all of them carve covers: 1 for masks of one object."""
+    values = [m.astype(np.float32) for m in masks]
+    cells = _block(cameras, masks, room, 64)
+    for longest in (options.judge_cells, 0):
+        solid = voxel_carving.seen_by_most(cells, cameras)
+        solid &= voxel_carving.add_up(cells, cameras, values) >= options.judge_share * len(cameras)
+        if not solid.any():
+            return 0.0
+        if longest:
+            cells = voxel_carving.around(cells, solid, longest)
+    shown = [voxel_carving.picture(cells, solid, cameras, v) for v in range(len(cameras))]
+    return float(np.median([(p & m).sum() / max(1, m.sum()) for p, m in zip(shown, masks, strict=True)]))
+
+
+def _block(cameras: Cameras, masks: list[np.ndarray], room: Room | None, longest: int) -> voxel_carving.Cells:
+    """The region that the cameras look at; without a floor it is centred where the masks' middles are."""
+    if room is not None:
+        return voxel_carving.region(room.axes, room.focus, room.distance, cameras, longest)
+    return floor_from_masks.block(cameras, longest, masks)
+
+
+def _write(cameras: Cameras, masks: list[np.ndarray], folder: Path) -> None:
+    """PHOTO.png a view, each whole or absent; masks of an earlier run are removed."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for name, mask in zip(unique(f"{name}.png" for name in cameras.names), masks, strict=True):
+        write_picture(folder / name, mask.astype(np.uint8) * 255)

@@ -1,0 +1,239 @@
+"""report.html: what a person reads first. One file that needs nothing from outside: styles and pictures are within."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import cv2
+import numpy as np
+
+from procmodels.export import Asset
+from procmodels.space import Choice, Flag, Integer, Parameter, Scalar
+from recon.outputs.contact_sheet import MASK_COLOUR, RESULT_COLOUR, Tile, colour_of
+from recon.outputs.report_css import CSS
+from recon.outputs.result import Result, counted, seen, tried
+from recon.system.names import shown
+
+FILES = {
+    "model.blend": "Blender: named parts, parameters as custom properties of the empty, Z up",
+    "mesh.glb": "glTF for viewers and game engines, Y up",
+    "mesh.obj": "Wavefront OBJ with quads and n-gons, Z up",
+    "params.json": "parameter values with ranges, and the transforms between the frames",
+    "contact_sheet.png": "every photo with both outlines, on one page",
+    "cameras/": "COLMAP text model, nerfstudio transforms.json, undistorted images, the mesh in the cameras' frame",
+    "masks/": "white = object, for the images in cameras/images",
+    "report.json": "this report for programs",
+}
+
+
+@dataclass(frozen=True)
+class Words:
+    """The result in plain language."""
+
+    title: str
+    sentence: str
+
+
+def words(result: Result, asset: Asset) -> Words:
+    """A heading and one or two sentences: what it is, how large, from how many photos, how well it fits."""
+    values = result.params
+    traits = [t for p in asset.space.parameters if (t := _trait(p, values[p.name]))]
+    article = "An" if result.class_name[0] in "aeiou" else "A"
+    what = f"{article} {_spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
+    used, given = int(result.silhouettes.used.sum()), len(result.frames.names)
+    text = f"{what}; {_size(asset)}. "
+    if used:
+        score = float(result.view_iou[result.silhouettes.used].mean())
+        how = (
+            f"{used} of {counted(result)} used; mean outline" if given > 1 else f"{seen(result).capitalize()}; outline"
+        )
+        text += f"{how} agreement {score:.2f}: {verdict(score)}."
+    if (met := result.shape) is not None:
+        apart = 100 * (met.distance / 2) ** 0.5
+        text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
+        return Words(shown(f"{_spaced(result.class_name).capitalize()} from {met.what}"), shown(text))
+    if result.classes:
+        text += f" No class was named: {tried(result.classes)}."
+    return Words(shown(f"{_spaced(result.class_name).capitalize()} from {counted(result)}"), shown(text.strip()))
+
+
+def verdict(iou: float) -> str:
+    """A mean outline agreement in words."""
+    if iou >= 0.9:
+        return "very good"
+    if iou >= 0.8:
+        return "good"
+    return "fair, look at the weakest photos below" if iou >= 0.65 else "poor, do not rely on this result"
+
+
+def page(
+    facts: dict[str, Any], text: Words, asset: Asset, tiles: list[Tile], renders: list[np.ndarray], files: list[str]
+) -> str:
+    """The HTML. `facts` is the content of report.json."""
+    ranked = sorted(tiles, key=lambda t: (not t.used, -(t.iou or 0)))
+    confidence = facts["confidence"]
+    sure = facts.get("certainty", {}).get("params", {})
+    heading = "The image" if facts["registered"]["of"] == 1 else "Views, best first"
+    heading = "Input, from the same sides" if "input" in facts else heading
+    body = [
+        f"<header><h1>{escape(text.title)}</h1><p class=lead>{escape(text.sentence)}</p></header>",
+        f"<div class=renders>{''.join(_picture(r, f'result, view {i + 1}', 92) for i, r in enumerate(renders))}</div>",
+        f"<p class=confidence><b>Confidence {confidence:.2f}</b> {_bar(confidence)} {escape(facts['explanation'])}</p>",
+        _warnings(facts),
+        "<div class=columns>",
+        f"<section><h2>Parameters</h2>{_parameters(asset, facts['params'], sure)}</section>",
+        f"<section><h2>Files</h2>{_files(files)}{_alternatives(facts)}</section>",
+        "</div>",
+        f"<section><h2>{heading}</h2>{_legend(facts)}",
+        f"<div class=views>{''.join(map(_view, ranked))}</div></section>",
+        f"<div class=columns><section><h2>Seconds</h2>{_seconds(facts['seconds'])}</section>",
+        f"<section><h2>Versions</h2>{_versions(facts)}</section></div>",
+    ]
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(text.title)}</title><style>{CSS}</style></head>\n<body>" + "\n".join(body) + "</body></html>\n"
+    )
+
+
+def _trait(parameter: Parameter, value: Any) -> str:
+    name = _spaced(parameter.name)
+    if isinstance(parameter, Choice):
+        return f"no {name}" if value == "none" else f"{_spaced(str(value))} {name}"
+    if isinstance(parameter, Integer):
+        return f"{value} {name}"
+    return (name if value else f"no {name}") if isinstance(parameter, Flag) else ""
+
+
+def _size(asset: Asset) -> str:
+    wide, deep, high = np.ptp(asset.shape.bounds(), axis=0) * (asset.metres_per_unit or 1.0)
+    if asset.metres_per_unit is not None:
+        return f"{wide:.2f} m wide, {deep:.2f} m deep, {high:.2f} m high"
+    return (
+        f"{wide / high:.2f} times as wide and {deep / high:.2f} times as deep as high (real size not given: --height)"
+    )
+
+
+def _parameters(asset: Asset, values: dict[str, Any], sure: dict[str, Any]) -> str:
+    """A table: name, value, where it lies in its range, and how sure it is: a band, or a share and the best rival."""
+    rows = []
+    for p in asset.space.parameters:
+        value = values[p.name]
+        if isinstance(p, Scalar):
+            shown, where = f"{value:.3f}", _ranged(p.unit_from_value(float(value)), f"{p.low:g}", f"{p.high:g}")
+            if about := sure.get(p.name):
+                ends = [p.unit_from_value(float(about[k])) for k in ("low", "high")]
+                where = _ranged(p.unit_from_value(float(value)), f"{p.low:g}", f"{p.high:g}", (min(ends), max(ends)))
+            shown += f" <small>{escape(p.unit)}</small>"
+        elif isinstance(p, Integer):
+            share = (value - p.low) / max(p.high - p.low, 1)
+            shown, where = str(value), _ranged(share, str(p.low), str(p.high))
+        else:
+            options = p.options if isinstance(p, Choice) else ("yes", "no")
+            shown = str(value) if isinstance(p, Choice) else ("yes" if value else "no")
+            where = " ".join(f"<span class={'chosen' if o == shown else 'other'}>{escape(o)}</span>" for o in options)
+            shown = escape(shown)
+        if "chance" in (about := sure.get(p.name, {})):
+            where += f" <small>{100 * about['chance']:.0f} % sure, else {escape(_plain(about['rival']))}</small>"
+        rows.append(f"<tr><th>{escape(_spaced(p.name))}</th><td>{shown}</td><td>{where}</td></tr>")
+    return f"<table class=parameters>{''.join(rows)}</table>"
+
+
+def _plain(value: Any) -> str:
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else _spaced(str(value))
+
+
+def _ranged(share: float, low: str, high: str, sure: tuple[float, float] | None = None) -> str:
+    return f"<span class=range><small>{low}</small>{_bar(share, sure)}<small>{high}</small></span>"
+
+
+def _bar(share: float, sure: tuple[float, float] | None = None) -> str:
+    """A bar filled up to a share; `sure` marks where the value lies in nine of ten cases."""
+    band = "" if sure is None else f'<u style="left:{100 * sure[0]:.1f}%;width:{100 * (sure[1] - sure[0]):.1f}%"></u>'
+    return f'<span class=bar><i style="width:{100 * min(max(share, 0), 1):.1f}%"></i>{band}</span>'
+
+
+def _warnings(facts: dict[str, Any]) -> str:
+    items = list(facts["warnings"])
+    if missing := facts["registered"]["missing"]:
+        why = "too blurred, too plain, or too far from the others; more photos in between help"
+        items.append(f"no camera was found for {_listed(missing)}: {why}")
+    items += [f"{u['name']} could not be read: {u['reason']}" for u in facts["registered"]["unreadable"]]
+    items += [f"{v['name']} was left out: {v['reason']}" for v in facts["views"] if v.get("reason")]
+    if not items:
+        return "<p class=fine>No warnings.</p>"
+    return f"<section class=warnings><h2>Warnings</h2><ul>{''.join(f'<li>{escape(i)}' for i in items)}</ul></section>"
+
+
+def _view(tile: Tile) -> str:
+    red, green, blue = colour_of(tile)
+    score = "" if tile.iou is None else f"{tile.iou:.3f}"
+    note = f"<em>{escape(tile.note)}</em>" if tile.note else ""
+    return (
+        f"<figure class={'used' if tile.used else 'unused'}>{_picture(tile.image, tile.name, 82)}"
+        f'<figcaption><span title="{escape(tile.name)}">{escape(tile.name)}</span>'
+        f'<b style="color:rgb({red},{green},{blue})">{score}</b>{note}</figcaption></figure>'
+    )
+
+
+def _picture(image: np.ndarray, text: str, quality: int) -> str:
+    ok, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not ok:
+        raise ValueError(f"cannot encode the picture {text!r}")
+    height, width = image.shape[:2]
+    source = "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode()
+    return f'<img src="{source}" width={width} height={height} alt="{escape(text)}">'
+
+
+def _legend(facts: dict[str, Any]) -> str:
+    if "input" in facts:
+        return ""
+    drawn = "outline of the result; filled where the two differ"
+    pairs = ((MASK_COLOUR, "outline found in the photo"), (RESULT_COLOUR, drawn))
+    keys = [f'<span><i style="background:rgb{c}"></i>{t}</span>' for c, t in pairs]
+    return f"<p class=legend>{''.join(keys)}<span>number: intersection over union, 1 is perfect</span></p>"
+
+
+def _files(files: list[str]) -> str:
+    items = [
+        f'<dt><a href="{escape(f)}">{escape(f)}</a></dt><dd>{escape(about)}</dd>'
+        for f, about in FILES.items()
+        if f in files
+    ]
+    return f"<dl class=files>{''.join(items)}</dl>"
+
+
+def _alternatives(facts: dict[str, Any]) -> str:
+    if others := facts.get("runners_up"):
+        rows = [f"<tr><th>{escape(o['what'])}</th><td>{o['distance']:.4f}</td></tr>" for o in others[:8]]
+        return f"<h2>Runners-up, by distance</h2><table>{''.join(rows)}</table>"
+    if not facts["alternatives"]:
+        return ""
+    best = [f"<tr><th>{escape(a['what'])}</th><td>{a['iou']:.3f}</td></tr>" for a in facts["alternatives"][:8]]
+    return f"<h2>Runners-up</h2><table>{''.join(best)}</table>"
+
+
+def _seconds(seconds: dict[str, float]) -> str:
+    total = max(seconds["total"], 1e-9)
+    rows = []
+    for stage, value in seconds.items():
+        share = _bar(value / total) if stage != "total" else ""
+        rows.append(f"<tr><th>{escape(stage)}</th><td>{value:.1f}</td><td>{share}</td></tr>")
+    return f"<table class=seconds>{''.join(rows)}</table>"
+
+
+def _versions(facts: dict[str, Any]) -> str:
+    pairs = {**facts["versions"], "seed": facts["seed"]}
+    rows = [f"<tr><th>{escape(name)}</th><td>{escape(str(v))}</td></tr>" for name, v in pairs.items()]
+    return f"<table>{''.join(rows)}</table>"
+
+
+def _listed(items: list[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def _spaced(name: str) -> str:
+    return name.replace("_", " ")

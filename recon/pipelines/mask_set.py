@@ -1,0 +1,222 @@
+"""A handful of masks of one object from unknown, unordered views: shape from the first, then a camera for each.
+
+The first mask is taken as a single image. The camera of each other mask is searched with that shape held; then shape
+and cameras take turns until the outlines of all views agree. World frame: the canonical frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize
+
+from procmodels import Model
+from procmodels.space import Params
+from recon import scene
+from recon.cameras import intrinsics
+from recon.files import frames
+from recon.files.frames import FramesOptions
+from recon.files.mask_images import BadMask, read_mask
+from recon.files.photo_folder import choose
+from recon.fitting import quality, view_search
+from recon.fitting.refine import Refined
+from recon.fitting.silhouette_bank import shape_bank
+from recon.fitting.view_search import CameraSearchOptions, OneView, View, ViewSearch
+from recon.geometry.view_geometry import guessed_K
+from recon.masks import single_mask
+from recon.outputs import write
+from recon.outputs.result import Result
+from recon.outputs.versions import versions
+from recon.outputs.write import OutputPaths
+from recon.pipelines import checks, class_selection, out_folder, single_view
+from recon.pipelines.single_view import ImageOptions
+from recon.pipelines.stages import LAST, Stages
+from recon.scene import Cameras, Canonical, Frames, InputError, Poses, Silhouettes
+from recon.store import dataclasses_of
+from recon.system.folders import digest_of
+
+STAGES = ("masks", "search", LAST)
+FEWEST, MOST = 2, 8
+ROUNDS = 2  # of shape, then cameras
+EVALUATIONS = 60  # of the mean IoU, a round
+
+
+@dataclass(frozen=True)
+class MaskSet:
+    """The masks with what is known of their lenses, and warnings."""
+
+    shot: Frames
+    views: tuple[OneView, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class JointAnswer:
+    """Parameters of the class that explains the first mask best, and a camera about the shape for every mask.
+
+    mean_iou over the views; classes as in single_view.Searched
+    """
+
+    class_name: str
+    params: Params
+    cameras: Cameras
+    mean_iou: float
+    classes: tuple[tuple[str, float], ...]
+
+
+def run(folder: Path, out: Path, options: ImageOptions = ImageOptions()) -> OutputPaths:
+    """Reconstruct the object in a folder of 2 to 8 masks (white = object) into the folder `out`. Raises InputError."""
+    options.redo.check(STAGES)
+    checks.check(options.height, out)
+    models = checks.models(options.class_name)
+    with out_folder.claimed(out, {"INPUT": folder}) as work:
+        return _run(folder, out, work, models, options)
+
+
+def _run(folder: Path, out: Path, work: Path, models: list[Model], options: ImageOptions) -> OutputPaths:
+    """The stages, one after the other."""
+    inputs = [digest_of(choose(folder).files, folder), options.intrinsics, options.focal_mm, options.seed]
+    stages = Stages(work, STAGES, KNOWN, inputs, options.redo)
+    masks = stages.run("masks", [], lambda: _read(folder, work, options))
+    key = [options.search, *map(class_selection.key, models)]
+    answer = stages.run("search", key, lambda: _searched(models, masks, options))
+    model = next(m for m in models if m.name == answer.class_name)
+    stages.last()
+    return write.run(_result(model, masks, answer, stages.seconds, options), out, options.outputs, model)
+
+
+def _read(folder: Path, work: Path, options: ImageOptions) -> MaskSet:
+    """The masks of a folder. Raises InputError."""
+    shot = frames.run(folder, work, FramesOptions(allow_single=True))
+    if not FEWEST <= len(shot.names) <= MOST:
+        raise InputError(
+            f"{folder} holds {len(shot.names)} masks; {FEWEST} to {MOST} are taken without photos or cameras "
+            "(one mask: give the file; more: photos with --masks)"
+        )
+    views, warnings = _views(folder, shot, options)
+    return MaskSet(shot, tuple(views), tuple(warnings))
+
+
+def _searched(models: list[Model], masks: MaskSet, options: ImageOptions) -> JointAnswer:
+    """Class and shape from the first mask, then shape and cameras from all."""
+    searched = single_view.search(models, masks.views[0], options)
+    model = next(m for m in models if m.name == searched.class_name)
+    joint = Joint(model, list(masks.views), searched.found.refined.params, options.search)
+    for _ in range(ROUNDS):
+        joint.improve_shape()
+        joint.improve_cameras()
+    cameras = joint.cameras(masks.shot)
+    return JointAnswer(model.name, joint.params, cameras, joint.iou(joint.params), searched.classes)
+
+
+class Joint:
+    """One shape, a camera for each mask."""
+
+    def __init__(self, model: Model, views: list[OneView], params: Params, options: CameraSearchOptions) -> None:
+        self.model, self.params = model, params
+        self.jobs = [ViewSearch(model, v, options) for v in views]
+        self.states: list[View] = []
+        bank = shape_bank(model, params, options.bank)
+        for job in self.jobs:
+            job.free[: len(model.space.scalars)] = 0  # the shape is held
+            polished = [job.climbed(job.polish(s)) for s in job.starts(bank, options.starts // 2)]
+            self.states.append(max(polished, key=job.iou))
+
+    def with_params(self, params: Params) -> list[View]:
+        """The states with another shape in the same places."""
+        scalars, discrete = self.model.space.scalars, self.model.space.discrete
+        units = np.array([s.unit_from_value(float(params[s.name])) for s in scalars])
+        return [replace(s, units=units, discrete={p.name: params[p.name] for p in discrete}) for s in self.states]
+
+    def iou(self, params: Params) -> float:
+        """Mean IoU over the views."""
+        pairs = zip(self.jobs, self.with_params(params), strict=True)
+        return float(np.mean([job.agreement(state) for job, state in pairs]))
+
+    def improve_shape(self) -> None:
+        """One discrete change at a time while it helps, then the scalars, with the cameras held."""
+        for p in self.model.space.discrete:
+            options = [{**self.params, p.name: p.grid_value(i)} for i in range(p.grid_steps)]
+            self.params = max([self.params, *options], key=self.iou)
+        scalars = self.model.space.scalars
+        start = np.array([s.unit_from_value(float(self.params[s.name])) for s in scalars])
+
+        def params(units: np.ndarray) -> Params:
+            values = {s.name: s.value_from_unit(float(u)) for s, u in zip(scalars, np.clip(units, 0, 1), strict=True)}
+            return self.model.space.validate({**self.params, **values})
+
+        if len(scalars):
+            simplex = np.vstack([start, start + np.diag(np.where(start > 0.8, -0.1, 0.1))])
+            settings = {"maxfev": EVALUATIONS, "initial_simplex": simplex}
+            found = minimize(lambda x: -self.iou(params(x)), start, method="Nelder-Mead", options=settings)
+            self.params = max((params(found.x), self.params), key=self.iou)
+        self.states = self.with_params(self.params)
+
+    def improve_cameras(self) -> None:
+        """Each camera by itself, with the shape held."""
+        self.states = [j.climbed(j.polish(s)) for j, s in zip(self.jobs, self.states, strict=True)]
+
+    def cameras(self, shot: Frames) -> Cameras:
+        """The cameras about the canonical frame."""
+        pairs = list(zip(self.jobs, self.states, strict=True))
+        K = np.stack([job.view.K for job, _ in pairs])
+        K[:, (0, 1), (0, 1)] *= np.array([s.zoom for s in self.states])[:, None]
+        return Cameras(shot.names, K, np.stack([job.pose(state) for job, state in pairs]), shot.sizes)
+
+
+def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneView], list[str]]:
+    """The masks with what is known of their lenses, and warnings."""
+    held = intrinsics.held(shot, options.intrinsics, options.focal_mm)
+    views: list[OneView] = []
+    warnings: list[str] = []
+    for i, (name, size) in enumerate(zip(shot.names, shot.sizes, strict=True)):
+        try:
+            whole = int(size[0]), int(size[1])
+            mask, known = read_mask(folder / name, whole), single_mask.told(folder / name, whole)
+            mask, notes = single_mask.checked(mask, name, known)
+        except BadMask as error:
+            raise InputError(f"a mask cannot be used: {error}") from error
+        warnings += notes
+        K = guessed_K(int(size[0]), int(size[1]))
+        if held is not None:
+            K[(0, 1), (0, 1)], K[:2, 2] = held[i, :2], held[i, 2:]
+        views.append(OneView(mask, K, held is not None, known=known))
+    return views, warnings
+
+
+def _result(
+    model: Model, masks: MaskSet, answer: JointAnswer, seconds: dict[str, float], options: ImageOptions
+) -> Result:
+    """What the outputs need; the world is the canonical frame."""
+    shot, views, n = masks.shot, masks.views, len(masks.views)
+    poses = Poses(answer.cameras, shot.paths, np.zeros((0, 3)), np.zeros((0, n), bool))
+    unknown = tuple(None if v.known is None else ~v.known for v in views)
+    drawn = tuple(v.mask for v in views)
+    silhouettes = Silhouettes(shot.names, drawn, ("user",) * n, np.ones(n, bool), unknown=unknown)
+    refined = Refined(answer.params, Canonical(np.eye(4)), answer.mean_iou, answer.mean_iou, ())
+    verdict = quality.run(model, poses, silhouettes, refined, n)
+    return Result(
+        class_name=model.name,
+        params=answer.params,
+        frames=shot,
+        poses=poses,
+        silhouettes=silhouettes,
+        canonical=refined.canonical,
+        view_iou=verdict.view_iou,
+        confidence=verdict.confidence * 0.8,
+        explanation=f"{n} outlines, mean agreement {verdict.mean_iou:.2f} (IoU), their cameras found with the shape",
+        alternatives=(),
+        seconds=seconds,
+        warnings=(*masks.warnings, *verdict.warnings),
+        seed=options.seed,
+        height_m=options.height,
+        versions=versions(),
+        classes=answer.classes,
+        views="masks",
+        placed="estimated",
+    )
+
+
+KNOWN = (*dataclasses_of(scene, view_search), MaskSet, JointAnswer)  # what results are made of

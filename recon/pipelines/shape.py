@@ -1,0 +1,120 @@
+"""From a mesh, point cloud, splat or voxel grid to the same outputs as from photos."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from procmodels import Model
+from recon import scene
+from recon.files.recognise import Recognised
+from recon.fitting import shape_fit
+from recon.outputs import write as outputs
+from recon.outputs.result import Result, ShapeEvidence
+from recon.outputs.versions import versions
+from recon.outputs.write import OutputPaths
+from recon.pipelines import checks, class_selection, out_folder
+from recon.pipelines.stages import LAST, Redo, Stages
+from recon.scene import InputError
+from recon.shapes import shape_target
+from recon.shapes.shape_target import ShapeOptions
+from recon.store import dataclasses_of
+from recon.system.digests import digest_of_input
+
+log = logging.getLogger("recon")
+STAGES = ("shape", "fit", LAST)
+KNOWN = (scene, shape_target, shape_fit)  # whose dataclasses are results
+GOOD, POOR = 0.001, 0.012  # D_chamfer: as good as these models get on real objects; as far as a random shape
+
+
+@dataclass(frozen=True)
+class ShapeRunOptions:
+    """What the user asked for, and the options of the stages."""
+
+    class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
+    height: float | None = None  # real height of the object in metres
+    seed: int = 0
+    redo: Redo = field(default_factory=Redo)
+    shape: ShapeOptions = field(default_factory=ShapeOptions)
+    fit: shape_fit.ShapeFitOptions = field(default_factory=shape_fit.ShapeFitOptions)
+    outputs: outputs.OutputsOptions = field(default_factory=outputs.OutputsOptions)
+
+
+def run(path: Path, out: Path, seen: Recognised, options: ShapeRunOptions = ShapeRunOptions()) -> OutputPaths:
+    """Fit the procedural model to a shape. Raises InputError."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the file of the shape itself")
+    options.redo.check(STAGES)
+    checks.check(options.height, out)
+    models = checks.models(options.class_name)
+    options = replace(
+        options, shape=replace(options.shape, seed=options.seed), fit=replace(options.fit, seed=options.seed)
+    )
+    with out_folder.claimed(out, {"INPUT": path}) as work:
+        return _run(path, out, work, seen, models, options)
+
+
+def _run(
+    path: Path, out: Path, work: Path, seen: Recognised, models: list[Model], options: ShapeRunOptions
+) -> OutputPaths:
+    """The stages, one after the other."""
+    inputs = [digest_of_input(path), seen.kind, options.seed]
+    stages = Stages(work, STAGES, dataclasses_of(*KNOWN), inputs, options.redo)
+    target = stages.run("shape", options.shape, lambda: shape_target.run(path, seen.kind, seen.what, options.shape))
+    fits = stages.run(
+        "fit",
+        [options.fit, *map(class_selection.key, models)],
+        lambda: {model.name: shape_fit.run(model, target, options.fit) for model in models},
+    )
+    best = min(models, key=lambda m: fits[m.name].distance)
+    stages.last()
+    return outputs.run(_result(target, best, fits, stages.seconds, options), out, options.outputs, best)
+
+
+def _result(
+    target: shape_target.Target,
+    model: Model,
+    fits: dict[str, shape_fit.ShapeFit],
+    seconds: dict[str, float],
+    options: ShapeRunOptions,
+) -> Result:
+    """The outputs' result, without any views."""
+    found = fits[model.name]
+    forward = np.linalg.inv(found.canonical.world_from_canonical)
+    points = target.points @ forward[:3, :3].T + forward[:3, 3]
+    warnings = list(target.warnings)
+    if found.distance > POOR:
+        warnings.append(
+            f"the result is far from the input (D_chamfer {found.distance:.4f}): is it a {model.name}? --class, --up "
+            "and --front may help"
+        )
+    if not found.network:
+        warnings.append(f"there are no weights for {model.name}: the search began at random shapes alone")
+    explanation = f"the surfaces are {100 * np.sqrt(found.distance / 2):.1f} % of the longest side apart on average"
+    if len(fits) > 1:
+        ranked = sorted(fits.items(), key=lambda pair: pair[1].distance)
+        explanation += "; tried " + ", ".join(f"{name} {fit.distance:.4f}" for name, fit in ranked)
+    share = np.log(POOR / max(found.distance, 1e-9)) / np.log(POOR / GOOD)
+    none = np.zeros(0)
+    empty = scene.Cameras((), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), np.zeros((0, 2), int))
+    return Result(
+        class_name=model.name,
+        params=found.params,
+        frames=scene.Frames((), (), np.zeros((0, 2), int), none, none, ()),
+        poses=scene.Poses(empty, (), np.zeros((0, 3)), np.zeros((0, 0), bool)),
+        silhouettes=scene.Silhouettes((), (), (), np.zeros(0, bool)),
+        canonical=found.canonical,
+        view_iou=none,
+        confidence=float(np.clip(share, 0, 1)),
+        explanation=explanation,
+        alternatives=(),
+        seconds=seconds,
+        warnings=tuple(warnings),
+        seed=options.seed,
+        height_m=options.height,
+        versions=versions(),
+        shape=ShapeEvidence(target.kind, target.what, found.hypothesis, found.distance, points, found.alternatives),
+    )

@@ -1,0 +1,325 @@
+"""What a run leaves behind: everything promised, in the frames promised, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+import procmodels
+from recon.outputs import camera_export, contact_sheet, report, write
+from recon.outputs.previews import ShadeOptions, render_previews
+from recon.outputs.result import seen
+from recon.outputs.write import OutputsOptions
+from recon.scene import Canonical, InputError, cam_from_canonical
+from tests.made_up import CHAIR, made_up, without_views
+
+SMALL = OutputsOptions(blender=False, render_size=64, thumbnail=100)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return made_up(tmp_path_factory.mktemp("photos"))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return procmodels.load("chair")
+
+
+@pytest.fixture(scope="module")
+def written(result, model, tmp_path_factory):
+    out = tmp_path_factory.mktemp("run") / "new" / "out"
+    return write.run(result, out, replace(SMALL, blender=True), model)
+
+
+def _pixels(points: np.ndarray, cam: np.ndarray, K: np.ndarray) -> np.ndarray:
+    projected = (points @ cam[:3, :3].T + cam[:3, 3]) @ K.T
+    return projected[:, :2] / projected[:, 2:]
+
+
+@pytest.fixture(scope="module")
+def corners(model):
+    return model.build(CHAIR).vertices()
+
+
+def test_everything_is_there_and_nothing_else(written):
+    names = {p.name for p in written.folder.iterdir()}
+    assert names == {
+        "mesh.glb",
+        "mesh.obj",
+        "model.blend",
+        "params.json",
+        "report.json",
+        "report.html",
+        "contact_sheet.png",
+        "cameras",
+        "masks",
+        ".recon",
+    }
+    assert [p.name for p in (written.folder / ".recon").iterdir()] == ["manifest.json"]
+    for path in (written.glb, written.obj, written.blend, written.report_html, written.contact_sheet):
+        assert path.stat().st_size > 100
+
+
+def test_report_json(written):
+    content = json.loads(written.report_json.read_text())
+    assert content["class"] == "chair"
+    assert content["params"] == CHAIR
+    assert [v["used"] for v in content["views"]] == [True, True, False]
+    assert content["mean_iou"] == pytest.approx(np.mean([v["iou"] for v in content["views"][:2]]), abs=1e-4)
+    assert content["registered"]["n"] == 3
+    assert content["registered"]["of"] == 4
+    assert content["registered"]["missing"] == ["b.JPG"]
+    assert content["registered"]["how"] == "3 of 4 photos registered"
+    assert content["seconds"]["total"] >= 21.5
+    assert content["seed"] == 3
+    assert content["versions"] == {"python": "3.11"}
+
+
+def test_params_json_leads_from_canonical_to_metres_and_back(written, result, corners):
+    content = json.loads(written.params_json.read_text())
+    assert content["values"] == CHAIR
+    assert content["parameters"]["width"] | {"value": 0.5, "low": 0.3, "high": 1.0} == content["parameters"]["width"]
+    assert content["parameters"]["width"]["metres"] == pytest.approx(0.45)
+    assert content["parameters"]["legs"]["options"] == ["basic", "round", "support", "office"]
+    assert content["size_metres"][2] == pytest.approx(0.9)
+    to_mesh = np.array(content["mesh_from_canonical"])
+    mesh = trimesh.load_mesh(written.obj)
+    moved = corners @ to_mesh[:3, :3].T + to_mesh[:3, 3]
+    assert mesh.bounds == pytest.approx(np.stack([moved.min(0), moved.max(0)]), abs=1e-5)
+    # SfM units to metres: the world mesh, scaled, is as large as the real one.
+    world = trimesh.load_mesh(written.cameras / "mesh.obj")
+    assert world.volume * content["metres_per_sfm_unit"] ** 3 == pytest.approx(mesh.volume, rel=1e-3)
+    assert Canonical(np.array(content["world_from_canonical"])).scale == pytest.approx(result.canonical.scale)
+
+
+def test_metres_follow_the_height_of_a_wide_object(result, model, tmp_path):
+    """A chair's longest side is its height; with arms far apart and another scale the rule must still be z."""
+    asset = write.asset_of(replace(result, height_m=1.8), model)
+    extent = np.ptp(asset.shape.bounds(), axis=0)
+    assert extent[2] * asset.metres_per_unit == pytest.approx(1.8)
+
+
+def test_colmap_text_projects_to_the_same_pixels(written, result, corners):
+    import pycolmap
+
+    model = pycolmap.Reconstruction(str(written.cameras))
+    assert len(model.images) == 3
+    assert len(model.points3D) == 20
+    expected = cam_from_canonical(result.poses.cameras, result.canonical)
+    world = result.canonical.world_from_canonical
+    points = corners @ world[:3, :3].T + world[:3, 3]
+    for i, image in enumerate(sorted(model.images.values(), key=lambda im: im.image_id)):
+        pose = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
+        camera = model.cameras[image.camera_id]
+        assert camera.model.name == "PINHOLE"
+        K = camera.calibration_matrix()
+        assert _pixels(points, pose, K) == pytest.approx(
+            _pixels(corners, expected[i], result.poses.cameras.K[i]), abs=1e-5
+        )
+        assert cv2.imread(str(written.cameras / "images" / image.name)).shape[1::-1] == (camera.width, camera.height)
+
+
+def test_transforms_json_projects_to_the_same_pixels(written, result, corners):
+    content = json.loads((written.cameras / "transforms.json").read_text())
+    expected = cam_from_canonical(result.poses.cameras, result.canonical)
+    world = result.canonical.world_from_canonical
+    points = corners @ world[:3, :3].T + world[:3, 3]
+    for i, frame in enumerate(content["frames"]):
+        seen = (points - np.array(frame["transform_matrix"])[:3, 3]) @ np.array(frame["transform_matrix"])[:3, :3]
+        # OpenGL axes: the camera looks along -z, y is up.
+        x = frame["fl_x"] * seen[:, 0] / -seen[:, 2] + frame["cx"]
+        y = frame["fl_y"] * -seen[:, 1] / -seen[:, 2] + frame["cy"]
+        assert np.stack([x, y], 1) == pytest.approx(_pixels(corners, expected[i], result.poses.cameras.K[i]), abs=1e-5)
+        assert (written.cameras / frame["file_path"]).is_file()
+        mask = cv2.imread(str(written.cameras / frame["mask_path"]), cv2.IMREAD_GRAYSCALE)
+        np.testing.assert_array_equal(mask == 255, result.silhouettes.masks[i])
+        assert set(np.unique(mask)) == {0, 255}
+
+
+def test_transforms_share_intrinsics_that_are_equal(result):
+    cameras = result.poses.cameras.subset([0, 0])
+    content = camera_export.transforms(cameras, ["a", "b"], ["c", "d"])
+    assert content["fl_x"] == cameras.K[0, 0, 0]
+    assert "fl_x" not in content["frames"][0]
+
+
+def test_file_stems_stay_different():
+    assert camera_export.stems(("a.jpg", "b.jpg")) == ["a", "b"]
+    assert camera_export.stems(("a.jpg", "a.png", "x y.jpg")) == ["a.jpg", "a.png", "x_y"]
+
+
+class _Page(HTMLParser):
+    """Collects tags, links and text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.words = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href", "srcset", "data") and value]
+
+    def handle_data(self, data):
+        self.words += data
+
+
+def test_report_html_stands_alone_and_escapes_names(written):
+    text = written.report_html.read_text()
+    page = _Page(text)
+    assert not {"script", "link", "iframe", "i><"} & set(page.tags)
+    assert "<i>&" not in text
+    assert "c <i>&.png" in page.words
+    assert "look out for <script>" in page.words
+    assert "x<y.mov" in page.words
+    for link in page.links:
+        assert link.startswith("data:image/") or (written.folder / link).exists(), link[:80]
+    assert not re.search(r"https?://|@import|url\(", text)
+
+
+def test_report_html_says_what_matters(written):
+    words = _Page(written.report_html.read_text()).words
+    assert "A chair with basic legs, basic arms and vbar back" in words
+    assert "0.90 m high" in words
+    assert "2 of 4 photos used" in words
+    assert "b.JPG" in words
+    assert "it disagrees" in words
+    assert words.index("c <i>&.png") < words.rindex("d.jpg"), "views that are not used come last"
+
+
+def test_words_without_a_real_size_or_views(result, model, tmp_path):
+    empty = without_views(result)
+    text = report.words(empty, write.asset_of(empty, model))
+    assert "times as wide" in text.sentence
+    assert "agreement" not in text.sentence
+    paths = write.run(empty, tmp_path / "out", SMALL, model)
+    assert not paths.cameras.exists()
+    assert json.loads(paths.report_json.read_text())["mean_iou"] is None
+
+
+def test_contact_sheet_shows_every_photo_and_both_outlines(result, model):
+    tiles = contact_sheet.tiles(result, model.build(CHAIR), 200)
+    assert [t.name for t in tiles] == list(result.frames.names)
+    assert [t.used for t in tiles] == [True, False, True, False]
+    assert [t.iou is None for t in tiles] == [False, True, False, False]
+    for tile in tiles:
+        assert tile.image.shape[1] == 200
+        assert tile.image.dtype == np.uint8
+        near = [
+            (np.abs(tile.image.astype(int) - colour).sum(2) < 60).sum()
+            for colour in (contact_sheet.MASK_COLOUR, contact_sheet.RESULT_COLOUR)
+        ]
+        assert all(n > 20 for n in near) == (tile.iou is not None)
+    sheet = contact_sheet.draw(tiles * 3, [np.zeros((50, 50, 3), np.uint8)] * 3, "A title", "Words. " * 60)
+    assert sheet.ndim == 3
+    assert sheet.shape[1] > 1000
+
+
+def test_previews_show_the_object_on_a_light_floor(model):
+    pictures = render_previews(model.build(CHAIR), 2, (80, 60), ShadeOptions(supersample=1))
+    assert [p.shape for p in pictures] == [(60, 80, 3)] * 2
+    for picture in pictures:
+        assert picture[0, 0].min() > 230
+        wood = (picture[..., 0].astype(int) - picture[..., 2]) > 40
+        assert 0.05 < wood.mean() < 0.6
+        rows = np.flatnonzero(wood.any(1))
+        assert rows[0] >= 3, "it does not touch the border"
+        assert rows[-1] <= 56
+
+
+def test_a_failure_leaves_the_earlier_results(result, model, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    write.run(result, out, SMALL, model)
+    (out / "mine.txt").write_text("the user's own file")
+    before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, "page", stop)
+    with pytest.raises(KeyboardInterrupt):
+        write.run(replace(result, class_name="sofa"), out, SMALL, model)
+    assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
+
+
+def test_a_second_run_replaces_all_of_the_first(result, model, tmp_path):
+    out = tmp_path / "out"
+    write.run(result, out, replace(SMALL, blender=True), model)
+    (out / "masks" / "old.png").write_bytes(b"")
+    paths = write.run(replace(result, height_m=None), out, SMALL, model)
+    assert paths.blend is None
+    assert not (out / "model.blend").exists(), "it would be taken for this run's"
+    assert (out / "masks" / "old.png").exists(), "nobody here wrote it"
+    assert [p.name for p in (out / ".recon").iterdir()] == ["manifest.json"], "nothing half-written"
+    assert json.loads(paths.params_json.read_text())["metres_per_canonical_unit"] is None
+
+
+def test_a_folder_that_cannot_be_written(result, model, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=re.escape(str(tmp_path / "file" / "out"))) as caught:
+        write.run(result, tmp_path / "file" / "out", SMALL, model)
+    assert caught.value.exit_code == 2
+
+
+def test_a_photo_that_vanished(result, model, tmp_path):
+    gone = replace(result, frames=replace(result.frames, paths=(Path("gone.png"),) * 4))
+    with pytest.raises(InputError, match=re.escape("gone.png")):
+        write.run(gone, tmp_path / "out", SMALL, model)
+
+
+def test_views_and_their_cameras_in_words(result, model):
+    """What is said is true of what was given: photos that were placed, one image, masks, a splat."""
+    assert seen(result) == "3 of 4 photos registered"
+    assert seen(replace(result, placed="given")) == "3 of 4 photos, cameras given"
+    one = only_the_first(result)
+    assert seen(one) == "one image, camera estimated"
+    assert "One image, camera estimated; outline agreement" in report.words(one, write.asset_of(one, model)).sentence
+    assert report.words(one, write.asset_of(one, model)).title == "Chair from one image"
+    assert seen(replace(one, views="masks", placed="given")) == "one mask, camera given"
+
+
+def only_the_first(result):
+    """The result as if its first photo had been the only one."""
+    frames, poses, masks = result.frames, result.poses, result.silhouettes
+    return replace(
+        result,
+        frames=replace(
+            frames,
+            names=frames.names[:1],
+            paths=frames.paths[:1],
+            sizes=frames.sizes[:1],
+            focal_px=frames.focal_px[:1],
+            sharpness=frames.sharpness[:1],
+            alpha=frames.alpha[:1],
+            original=None,
+        ),
+        poses=replace(
+            poses,
+            cameras=poses.cameras.subset([0]),
+            paths=poses.paths[:1],
+            tracks=poses.tracks[:, :1],
+            unregistered=(),
+        ),
+        silhouettes=replace(
+            masks,
+            names=masks.names[:1],
+            masks=masks.masks[:1],
+            source=masks.source[:1],
+            used=masks.used[:1],
+            reasons=(),
+        ),
+        view_iou=result.view_iou[:1],
+        views="images",
+        placed="estimated",
+    )
