@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -13,8 +13,8 @@ from recon.fitting.camera_priors import PriorOptions
 from recon.fitting.placement import moved_frame, rigid_velocities, yaw
 from recon.fitting.problem import Posed
 from recon.geometry.view_geometry import seen_from
-from recon.scene import Canonical, cam_from_canonical
 from recon.scene import Cameras as Views
+from recon.scene import Canonical, cam_from_canonical
 
 FOCAL = 5.0  # a fifth of the focal length's logarithm moves an outline about as much as the other numbers do
 
@@ -37,7 +37,7 @@ class Cameras:
     known: bool = False
     doubt: float = 0.0
     usual_depth: tuple[float, float] | None = None
-    priors_of: PriorOptions = PriorOptions()
+    costs: PriorOptions = field(default_factory=PriorOptions)
 
     @property
     def free(self) -> np.ndarray:
@@ -58,9 +58,7 @@ class Cameras:
 
     def posed(self, shape: Shape, place: np.ndarray, front: int) -> Posed:
         frames, zoom = self.frames(place)
-        poses = [
-            cam_from_canonical(self.views.subset([i]), Canonical(frame))[0] for i, frame in enumerate(frames)
-        ]
+        poses = [cam_from_canonical(self.views.subset([i]), Canonical(frame))[0] for i, frame in enumerate(frames)]
         K = self.views.K.copy()
         K[:, (0, 1), (0, 1)] *= zoom
         return Posed(shape, frames[0], np.stack(poses), K)
@@ -69,7 +67,9 @@ class Cameras:
         delta = delta * self.free
         frames, zoom = self.frames(place)
         grown = float(np.exp(FOCAL * delta[-1]))
-        out = np.stack([moved_frame(f, np.append(d, 0)) for f, d in zip(frames, delta[:-1].reshape(-1, 6), strict=True)])
+        out = np.stack(
+            [moved_frame(f, np.append(d, 0)) for f, d in zip(frames, delta[:-1].reshape(-1, 6), strict=True)]
+        )
         out[:, :3, 3] *= grown  # the focal length is free only where the world is the camera's frame
         return self.place(out, zoom * grown)
 
@@ -94,13 +94,11 @@ class Cameras:
         if self.known:
             doubt = np.radians(self.doubt) or np.inf
             turns = [cv2.Rodrigues(f[:3, :3] / np.linalg.norm(f[:3, 0]))[0].ravel() for f in frames]
-            return np.sqrt(self.priors_of.turn / len(frames)) * np.concatenate(turns) / doubt
+            return np.sqrt(self.costs.turn / len(frames)) * np.concatenate(turns) / doubt
         extent = np.ptp(posed.shape.vertices(), axis=0)
         rows = []
         for pose in posed.cam_from_shape:
             azimuth, elevation = seen_from(pose[:3, :3], pose[:3, 3])
             up = pose[:3, 2]
-            rows.append(
-                camera_priors.roots(up, azimuth, elevation, zoom, extent, self.usual_depth, self.priors_of)
-            )
+            rows.append(camera_priors.roots(up, azimuth, elevation, zoom, extent, self.usual_depth, self.costs))
         return np.concatenate(rows) / np.sqrt(len(rows))

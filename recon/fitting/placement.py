@@ -13,8 +13,8 @@ import numpy as np
 
 from procmodels.shape import Shape
 from recon.fitting.problem import Posed
-from recon.scene import Canonical, cam_from_canonical
 from recon.scene import Cameras as Views
+from recon.scene import Canonical, cam_from_canonical
 
 NO_VIEWS = Views((), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), np.zeros((0, 2), int))
 NOTHING = np.zeros(0)

@@ -276,7 +276,9 @@ def test_twenty_scalars_and_sixteen_choices():
     crops, place = windows(model, truth, views=6)
     placement = Fixed(crops.cameras, place.world_from_canonical)
     problem = Problem(model, Masks.of(crops, LEVELS), placement)
-    start = {**truth, **{p.name: p.sample(np.random.default_rng(4)) for p in model.space.scalars}}
+    rng = np.random.default_rng(4)
+    off = {s.name: s.unit_from_value(float(truth[s.name])) + rng.uniform(-0.2, 0.2) for s in model.space.scalars}
+    start = {**truth, **{s.name: s.value_from_unit(float(np.clip(off[s.name], 0, 1))) for s in model.space.scalars}}
     start |= {"knob_3": not truth["knob_3"], "knob_7": not truth["knob_7"], "rail": "kind_1"}
     found = solve(problem, [problem.state(start, placement.start())], replace(SHORT, sweeps=4, tries=3, far=3))
     assert all(problem.params(found.state)[p.name] == truth[p.name] for p in model.space.discrete)
@@ -391,5 +393,3 @@ def test_masks_may_have_any_shape(chair):
     for level in range(3):
         near, away = (problem.smooth(problem.state(p, np.zeros(0)), level) for p in (NEAR, AWAY))
         assert problem.smooth(truth, level) < 0.1 * near < away
-
-

@@ -7,7 +7,7 @@ import pytest
 
 import procmodels
 from procmodels.shape import Part, Shape
-from recon.geometry.rasterise import coverage, coverage_slopes, silhouettes
+from recon.geometry.raster import coverage, coverage_slopes, silhouettes
 
 SIZE = np.tile((64, 48), (4, 1))
 BOX = Part(
@@ -34,7 +34,7 @@ def views(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         eyes = rng.uniform(-0.4, 0.4, (4, 3))
         K[:, :2, :2] *= 0.4
         return K, np.stack([look_at(e, -e + rng.uniform(-0.1, 0.1, 3)) for e in eyes])
-    eyes = rng.normal(size=(4, 3)) + (0, 0, 0.5)
+    eyes = rng.normal(size=(4, 3)) + np.array([0, 0, 0.5])
     eyes *= 1.9 / np.linalg.norm(eyes, axis=1, keepdims=True)
     if kind == "border":
         K[:, :2, :2] *= 2.5
