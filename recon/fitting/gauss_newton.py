@@ -81,6 +81,6 @@ def settled(problem: Problem, state: State, sizes: Sequence[float], rounds: int 
                     if (lower := problem.loss(trial)) < loss:
                         state, loss = trial, lower
                         break
-            if loss == before:
+            if loss in (0, before):
                 break
     return state

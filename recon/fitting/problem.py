@@ -86,8 +86,10 @@ class Target(Protocol):
 class Placement(Protocol):
     """Where a shape may stand. `free` (k,) bool says which of its k numbers may move, `fronts` how many there are."""
 
-    free: np.ndarray
-    fronts: int
+    @property
+    def free(self) -> np.ndarray: ...
+    @property
+    def fronts(self) -> int: ...
 
     def posed(self, shape: Shape, place: np.ndarray, front: int) -> Posed: ...
 

@@ -21,7 +21,7 @@ class Schedule:
     looked: int = 32  # starts of a batch that are compared as they are
     starts: int = 4  # of these, of different choices and fronts, that are polished coarsely
     kept: int = 2  # of these, whose choices are searched, until one is good
-    behind: float = np.inf  # times the best one's loss: others are given up
+    behind: float = 1e9  # times the best one's loss: others are given up
     batches: int = 1  # of starts, as long as the answer is lost
     sweeps: int = 5  # rounds over the moves
     tries: int = 4  # most promising moves of a round that are polished

@@ -34,14 +34,13 @@ def _end(problem: Problem, state: State, i: int, way: int) -> float:
         units[i] = np.clip(unit, 0, 1)
         return float(units[i]), problem.loss(replace(state, units=units)) <= problem.loss(state)
 
-    inside, outside = float(state.units[i]), None
+    inside = outside = float(state.units[i])
     for size in REACHES:
-        there, allowed = at(state.units[i] + way * size)
+        outside, allowed = at(state.units[i] + way * size)
         if not allowed:
-            outside = there
             break
-        inside = there
-    for _ in range(2 if outside is not None and inside != state.units[i] else 0):
+        inside = outside
+    for _ in range(2 if inside not in (outside, state.units[i]) else 0):
         there, allowed = at((inside + outside) / 2)
         inside, outside = (there, outside) if allowed else (inside, there)
     return inside
