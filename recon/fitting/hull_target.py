@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from skimage.measure import marching_cubes
 
 from recon.fitting.problem import Posed
-from recon.fitting.surface_target import OnSurface
+from recon.fitting.surface_target import OnSurface, Surfaces
 from recon.geometry.object_windows import Crops
 from recon.geometry.outlines import end_gradients, outlines
 from recon.geometry.raster import silhouettes
@@ -57,6 +57,7 @@ class Hull:
         """
         self.canonical, self.sizes, self.places = canonical, drawn.cameras.sizes, places
         self.box_from_world = np.linalg.inv(canonical.world_from_canonical)
+        self._surfaces = Surfaces()
         self.cells, self.side = cells, 1 + 2 * MARGIN
         self.field = self._carved(carved, cam_from_canonical(carved.cameras, canonical), forgiving)
         heights = ((np.arange(cells) + 0.5) / cells - 0.5) * self.side
@@ -121,7 +122,7 @@ class Hull:
 
     def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
         """(places + points,) distances out of the hull and in it; the squares sum to the loss."""
-        shape = OnSurface(posed, at, self.places)
+        shape = OnSurface(self._surfaces, posed, at, self.places)
         out = self.sticking_out(self._in_box(shape.points)) * shape.shares()
         drawn = np.stack(silhouettes(posed.shape, posed.K, posed.cam_from_shape, self.sizes))
         return np.concatenate([out, self.left_empty(drawn)[0] / np.sqrt(len(self.points))])
@@ -136,15 +137,15 @@ class Hull:
 
     def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
         """Derivatives of the residuals."""
-        shape = OnSurface(posed, posed, self.places)
+        shape = OnSurface(self._surfaces, posed, posed, self.places)
         places = self._in_box(shape.points)
-        speeds = np.einsum("ij,mjk->mik", self.box_from_world[:3, :3], shape.speeds(shape.places, velocities))
         where, inside = self._cell(places)
         down = -np.stack([map_coordinates(s, inside.T, order=1) for s in self.slopes], 1)
         length = np.linalg.norm(where - inside, axis=1, keepdims=True)
         away = np.where(where == inside, down, 0) + (where - inside) / np.maximum(length, 1e-9)
         far = self.sticking_out(places)[:, None]
-        out = np.einsum("mi,mik->mk", away, speeds) * (far > 0) * shape.shares()[:, None]
+        way = away @ self.box_from_world[:3, :3] @ shape.turn * (far > 0) * shape.shares()[:, None]
+        out = shape.speeds(shape.places, way, velocities)
         out += far * shape.share_slopes(velocities)
         return np.concatenate([out, self._empty_slopes(posed, velocities) / np.sqrt(len(self.points))])
 

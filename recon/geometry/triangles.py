@@ -64,6 +64,15 @@ class Triangles:
 
     def places(self, count: int, seed: int = 0) -> Places:
         """`count` places spread evenly by area."""
+        if (count, seed) not in self._places:
+            self._places[count, seed] = self._spread(count, seed)
+        return self._places[count, seed]
+
+    @cached_property
+    def _places(self) -> dict[tuple[int, int], Places]:
+        return {}
+
+    def _spread(self, count: int, seed: int) -> Places:
         rng = np.random.default_rng(seed)
         ends = np.cumsum(self.areas)
         where = (np.arange(count) + rng.random(count)) / count * ends[-1]
