@@ -89,6 +89,9 @@ class Cameras:
         frames, zoom = self.frames(place)
         return self.place(frames @ yaw(np.pi / 2 * (to - front)).round(), zoom)
 
+    def half_turn(self, front: int) -> int | None:
+        return None if self.known else (front + 2) % 4
+
     def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
         frames, zoom = self.frames(place)
         if self.known:

@@ -53,6 +53,9 @@ class Fixed:
     def turned(self, place: np.ndarray, front: int, to: int) -> np.ndarray:
         return place
 
+    def half_turn(self, front: int) -> int | None:
+        return (front + 2) % 4 if self.fronts == 4 else None
+
     def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
         return NOTHING
 
@@ -132,9 +135,11 @@ class Upright:
         )
 
     def turned(self, place: np.ndarray, front: int, to: int) -> np.ndarray:
-        if np.allclose(self.ways[front][:3, :3] @ yaw(np.pi)[:3, :3], self.ways[to][:3, :3]):
-            return place * (1, -1, -1, 1, 1)
-        return self.start()
+        return place * (1, -1, -1, 1, 1) if to == self.half_turn(front) else self.start()
+
+    def half_turn(self, front: int) -> int | None:
+        back = self.ways[front][:3, :3] @ yaw(np.pi)[:3, :3]
+        return next((i for i, way in enumerate(self.ways) if np.allclose(way[:3, :3], back)), None)
 
     def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
         return self.stiffness * place if self.loose else NOTHING
@@ -165,6 +170,9 @@ class Similarity:
 
     def turned(self, place: np.ndarray, front: int, to: int) -> np.ndarray:
         return place @ yaw(np.pi / 2 * (to - front)).round()
+
+    def half_turn(self, front: int) -> int | None:
+        return (front + 2) % 4
 
     def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
         return NOTHING

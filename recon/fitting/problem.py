@@ -102,6 +102,9 @@ class Placement(Protocol):
     def turned(self, place: np.ndarray, front: int, to: int) -> np.ndarray:
         """The place when the shape faces another way."""
 
+    def half_turn(self, front: int) -> int | None:
+        """The front that looks the other way."""
+
     def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
         """(r,) roots of what an unusual place costs, in units of the loss."""
 

@@ -170,14 +170,9 @@ def turned_round(search: Search, state: State, allowed: Callable[[float], float]
     is at most what is allowed for the state's."""
     problem = search.problem
     params = problem.model.turned_round(problem.params(state)) if problem.model.turned_round else None
-    halves = [m for m in moves.fronts(problem, state) if 2 * m.quarters == problem.placement.fronts]
-    if params is None or not halves:
+    half = problem.placement.half_turn(state.front)
+    if params is None or half is None:
         return state
-    other = problem.state(params, *_faced(problem, state, halves[0]))
+    other = problem.state(params, problem.placement.turned(state.place, state.front, half), half)
     found = search.finished(search.improved(search.step(other, search.schedule.steps[0])))
     return found if problem.loss(found) <= allowed(problem.loss(state)) else state
-
-
-def _faced(problem: Problem, state: State, move: moves.Face) -> tuple[np.ndarray, int]:
-    there = move.applied(problem, state)
-    return there.place, there.front
