@@ -56,6 +56,14 @@ class Cameras:
         """What `place` was made of."""
         return place[:-1].reshape(-1, 4, 4), float(place[-1])
 
+    def shared(self, places: list[np.ndarray]) -> np.ndarray:
+        """The place of all views, with one focal length, from places of each view alone."""
+        alone = [self.frames(p) for p in places]
+        zoom = float(np.exp(np.mean([np.log(z) for _, z in alone])))
+        frames = np.concatenate([f for f, _ in alone])
+        frames[:, :3, 3] *= zoom / np.array([z for _, z in alone])[:, None]  # of one size in the picture
+        return self.place(frames, zoom)
+
     def posed(self, shape: Shape, place: np.ndarray, front: int) -> Posed:
         frames, zoom = self.frames(place)
         poses = [cam_from_canonical(self.views.subset([i]), Canonical(frame))[0] for i, frame in enumerate(frames)]

@@ -112,7 +112,9 @@ class Placement(Protocol):
 class Problem:
     """A model to be fitted to a target. What was built and compared is kept."""
 
-    def __init__(self, model: Model, target: Target, placement: Placement) -> None:
+    def __init__(self, model: Model, target: Target, placement: Placement, held: bool = False) -> None:
+        """`held`: the shape is known, its place alone is sought."""
+        self.held = held
         self.model, self.target, self.placement = model, target, placement
         self.scalars = model.space.scalars
         self.builds = 0
@@ -133,7 +135,7 @@ class Problem:
 
     def active(self, choices: Params) -> np.ndarray:
         """(n,) bool: the scalars that do something under these choices."""
-        return np.ones(len(self.scalars), bool)
+        return np.full(len(self.scalars), not self.held)
 
     def free(self, state: State) -> np.ndarray:
         """(n + k,) bool: what may move."""

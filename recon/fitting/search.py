@@ -30,6 +30,7 @@ class Schedule:
     jumps: tuple[float, ...] = ()  # where else in its range a scalar is tried
     far: int = 0  # tries among combinations, when the answer is not good
     combined: int = 256  # combinations of choices that are looked at for it
+    levels: tuple[int, ...] | None = None  # of the target, on the way; None for all
     steps: tuple[int, int, int] = (3, 2, 8)  # of a start, of a move, of the last polish at each level
     settle: tuple[float, ...] = ()  # sizes of the last steps, by the loss itself (gauss_newton.settled)
     good: float = 0.0  # loss that leaves few doubts
@@ -69,8 +70,10 @@ class Search:
         return [listed[i] for i in sorted(range(len(listed)), key=costs.__getitem__)]
 
     def step(self, state: State, steps: int) -> State:
-        """A few steps on the way: at the coarsest level, or through all where the loss compares."""
-        return polish(self.problem, state, 0, steps) if self.schedule.coarse else descended(self.problem, state, steps)
+        """A few steps on the way: at the coarsest level, or through several where the loss compares."""
+        if self.schedule.coarse:
+            return polish(self.problem, state, 0, steps)
+        return descended(self.problem, state, steps, self.schedule.levels)
 
     def begun(self, starts: list[State]) -> list[State]:
         """The most promising starts, polished, best first."""
@@ -135,12 +138,14 @@ class Search:
         for move in near:
             yield move, move.applied(self.problem, state)
 
-    def alternatives(self, state: State, steps: int = 2) -> tuple[tuple[Move, float], ...]:
-        """The neighbours and their losses, best first: other fronts polished, other choices as they are."""
-        loss, scored = self.problem.loss, []
+    def polished_neighbours(self, state: State, steps: int = 2) -> Iterator[tuple[Move, State]]:
+        """The neighbours: other fronts polished a little, other choices as they are."""
         for move, other in self.neighbours(state):
-            best = descended(self.problem, other, steps) if isinstance(move, moves.Face) else other
-            scored.append((move, loss(best)))
+            yield move, self.step(other, steps) if isinstance(move, moves.Face) else other
+
+    def alternatives(self, state: State, steps: int = 2) -> tuple[tuple[Move, float], ...]:
+        """These and their losses, best first."""
+        scored = [(move, self.problem.loss(other)) for move, other in self.polished_neighbours(state, steps)]
         return tuple(sorted(scored, key=lambda pair: pair[1]))
 
 

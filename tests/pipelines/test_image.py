@@ -16,7 +16,7 @@ from recon.files import pix3d_camera
 from recon.fitting.camera_search import find
 from recon.fitting.silhouette_bank import BankOptions, load_bank, search
 from recon.fitting.silhouette_search import RefineOptions
-from recon.fitting.view_search import CameraSearchOptions, OneView
+from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.geometry.raster import iou, silhouettes
 from recon.geometry.view_geometry import guessed_K, touching
 from recon.masks import single_mask
