@@ -15,6 +15,7 @@ import json
 import logging
 import sys
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +23,16 @@ from tqdm import tqdm
 
 from datasets.voxels import pack, surface_grid, unpack
 from procmodels import Model, ModelError, load
-from procmodels.space import Params
+from procmodels.space import Params, ParamSpace
 
 log = logging.getLogger(__name__)
 
 SHARD = 500
-# Off-grid sets draw from generators seeded with (seed, code, i), so no two sets share a shape.
+# Sets that are drawn use generators seeded with (seed, code, i): off the grid no two of them share a shape.
 SETS = {"train_on": 1, "train_off": 2, "test_on": 3, "test_off": 4}
+LISTED = 1_000_000  # grids up to this many points are permuted; of larger ones points are drawn
+TEST = 1 / 8  # share of the points of such a grid that belong to the test set
+DRAWS = 1000  # after so many a grid is too small for its two sets
 
 
 @dataclass(frozen=True)
@@ -58,12 +62,38 @@ class Pairs:
 
 
 def shape_params(model: Model, which: str, index: int, options: SyntheticOptions) -> Params:
-    """Parameters of shape `index` of a set: on-grid sets share one permutation of the whole grid, disjointly."""
+    """Parameters of shape `index` of a set.
+
+    The on-grid sets never share a shape: they are the two ends of one permutation of the grid or, where that is too
+    large to be listed or some of its points are one shape, points that are drawn until one belongs to the set.
+    """
+    space = model.space
+    rng = np.random.default_rng([options.seed, SETS[which], index])
     if which.endswith("_off"):
-        return model.space.sample(np.random.default_rng([options.seed, SETS[which], index]))
-    order = np.random.default_rng([options.seed, 0]).permutation(model.space.grid_size)
-    place = index if which == "train_on" else model.space.grid_size - 1 - index
-    return model.space.grid_point(int(order[place]))
+        return space.sample(rng)
+    if _is_listed(space):
+        order = _order(space.grid_size, options.seed)
+        return space.grid_point(int(order[index if which == "train_on" else space.grid_size - 1 - index]))
+    for _ in range(DRAWS):
+        params = space.sample(rng, on_grid=True)
+        if _is_test(params) == (which == "test_on"):
+            return params
+    raise ValueError(f"{model.name}: the grid is too small for sets of training and of test shapes that share none")
+
+
+def _is_listed(space: ParamSpace) -> bool:
+    return space.grid_size <= LISTED and not space.conditional
+
+
+@lru_cache(maxsize=4)
+def _order(size: int, seed: int) -> np.ndarray:
+    return np.random.default_rng([seed, 0]).permutation(size)
+
+
+def _is_test(params: Params) -> bool:
+    """Which of two sets a shape belongs to, by its values alone."""
+    digest = hashlib.sha256(json.dumps(params).encode()).digest()
+    return digest[0] < 256 * TEST
 
 
 def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptions()) -> None:
@@ -71,7 +101,7 @@ def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptio
 
     Raises ValueError when the on-grid sets do not fit in the grid or `out` holds data of another space or seed.
     """
-    if options.train_on + options.test_on > model.space.grid_size:
+    if _is_listed(model.space) and options.train_on + options.test_on > model.space.grid_size:
         raise ValueError(
             f"{model.name}: {options.train_on} + {options.test_on} shapes asked for, "
             f"the grid has {model.space.grid_size}"

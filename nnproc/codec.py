@@ -2,7 +2,8 @@
 
 A vector (see procmodels.space) has one slot for a scalar or flag and a one-hot block for an integer or choice.
 A network emits raw scores of the same width: sigmoid for scalars and flags, softmax within a block (paper,
-section 3.2).
+section 3.2). Parameters that do nothing beside the others are held at their usual values, and count neither in the loss
+nor in the accuracy.
 """
 
 from __future__ import annotations
@@ -35,26 +36,39 @@ class Codec:
             out[:, block] = F.softmax(scores[:, block], 1)
         return out
 
+    def active(self, vectors: Tensor) -> Tensor:
+        """(B, width) bool, slots of the parameters that do something in shapes with these vectors."""
+        return self.space.active_in(vectors)
+
     def loss(self, scores: Tensor, target: Tensor) -> Tensor:
-        """(B,) L_param of the paper's section 3.4: squared difference for scalars, cross-entropy for the rest."""
+        """(B,) L_param of the paper's section 3.4: squared difference for scalars, cross-entropy for the rest.
+
+        Summed over the parameters that are active in the target.
+        """
         total = scores.new_zeros(len(scores))
+        active = self.active(target) if self.space.conditional else None
         if self.scalars:
             difference = torch.sigmoid(scores[:, self.scalars]) - target[:, self.scalars]
-            total = total + difference.square().sum(1)
+            total = total + _counted(difference.square(), active, self.scalars).sum(1)
         if self.flags:
             entropy = F.binary_cross_entropy_with_logits(scores[:, self.flags], target[:, self.flags], reduction="none")
-            total = total + entropy.sum(1)
+            total = total + _counted(entropy, active, self.flags).sum(1)
         for block in self.blocks:
-            total = total + F.cross_entropy(scores[:, block], target[:, block].argmax(1), reduction="none")
+            entropy = F.cross_entropy(scores[:, block], target[:, block].argmax(1), reduction="none")
+            total = total + _counted(entropy, active, block.start)
         return total
 
     def snap(self, values: Tensor) -> Tensor:
-        """(B, width) with every block one-hot and every flag 0 or 1, as a decoded parameter set encodes."""
+        """(B, width) with every block one-hot, every flag 0 or 1 and inactive parameters as usual, as a decoded
+        parameter set encodes.
+        """
         out = values.clone()
         out[:, self.flags] = (values[:, self.flags] >= 0.5).to(values.dtype)
         for block in self.blocks:
             out[:, block] = F.one_hot(values[:, block].argmax(1), block.stop - block.start).to(values.dtype)
-        return out
+        if not self.space.conditional:
+            return out
+        return torch.where(self.active(out), out, torch.from_numpy(self.space.usual_vector).to(out))
 
     def params(self, values: Tensor) -> list[Params]:
         """Parameter sets of (B, width) activated values."""
@@ -65,11 +79,31 @@ class Codec:
         return torch.from_numpy(np.stack([self.space.encode(p) for p in params]))
 
     def scalar_error(self, values: Tensor, target: Tensor) -> Tensor:
-        """(B,) mean absolute error of the scalars, as a fraction of their ranges."""
-        return (values[:, self.scalars] - target[:, self.scalars]).abs().mean(1)
+        """(B,) mean absolute error of the active scalars, as a fraction of their ranges."""
+        error = (values[:, self.scalars] - target[:, self.scalars]).abs()
+        if not self.space.conditional:
+            return error.mean(1)
+        active = self.active(target)[:, self.scalars]
+        return (error * active).sum(1) / active.sum(1).clamp(min=1)
 
     def discrete_right(self, values: Tensor, target: Tensor) -> Tensor:
-        """(B, number of integers, choices and flags) bool."""
+        """(B, number of integers, choices and flags) bool; inactive ones are right."""
         columns = [(values[:, i] >= 0.5) == (target[:, i] >= 0.5) for i in self.flags]
         columns += [values[:, b].argmax(1) == target[:, b].argmax(1) for b in self.blocks]
-        return torch.stack(columns, 1) if columns else values.new_ones(len(values), 0, dtype=torch.bool)
+        if not columns:
+            return torch.ones(len(values), 0, dtype=torch.bool, device=values.device)
+        return torch.stack(columns, 1) | ~self._discrete_active(target)
+
+    def discrete_accuracy(self, values: Tensor, target: Tensor) -> float:
+        """Share of the active integers, choices and flags that are right; NaN where there are none."""
+        active = self._discrete_active(target)
+        return float(self.discrete_right(values, target)[active].float().mean())
+
+    def _discrete_active(self, target: Tensor) -> Tensor:
+        """(B, number of integers, choices and flags) bool, in the order of discrete_right."""
+        return self.active(target)[:, [*self.flags, *(b.start for b in self.blocks)]]
+
+
+def _counted(terms: Tensor, active: Tensor | None, slots: list[int] | int) -> Tensor:
+    """Terms of a loss where their slots are active."""
+    return terms if active is None else terms * active[:, slots]

@@ -16,16 +16,12 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from nnproc.network import NetworkConfig, NNProc
+from nnproc.on_device import device, latents_of_grids, logits_of_vectors, values_of_latents
 from procmodels.space import Params, ParamSpace
 
 
 class WeightsError(ValueError):
     """Weights that are missing, damaged, or of another class or parameter space."""
-
-
-def device() -> torch.device:
-    """CUDA when it is there, else the CPU."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def save_network(path: Path, network: NNProc) -> None:
@@ -73,21 +69,14 @@ def load_network(space: ParamSpace, path: Path) -> NNProc:
 @torch.inference_mode()
 def grids_from_params(network: NNProc, vectors: Tensor, batch: int = 32) -> np.ndarray:
     """Task 1: (n, width) parameter vectors to (n, 64, 64, 64) bool grids."""
-    with torch.autocast(device().type, torch.bfloat16):
-        parts = [network.decode_grid(network.encode_params(v.to(device()))) > 0 for v in vectors.split(batch)]
-    return torch.cat(parts).cpu().numpy()
+    return torch.cat([logits_of_vectors(network, v) > 0 for v in vectors.split(batch)]).numpy()
 
 
 @torch.inference_mode()
 def values_from_grids(network: NNProc, grids: np.ndarray, batch: int = 32) -> Tensor:
     """Task 2: (n, 64, 64, 64) bool grids to (n, width) activated parameter values."""
-    parts = []
-    for start in range(0, len(grids), batch):
-        x = torch.from_numpy(grids[start : start + batch]).to(device(), torch.float32)
-        with torch.autocast(device().type, torch.bfloat16):
-            mean, _ = network.encode_grid(x)
-        parts.append(network.decode_params(mean))
-    return torch.cat(parts).cpu()
+    parts = [torch.from_numpy(grids[start : start + batch]) for start in range(0, len(grids), batch)]
+    return torch.cat([values_of_latents(network, latents_of_grids(network, g, half=True)) for g in parts])
 
 
 def params_from_grids(network: NNProc, grids: np.ndarray) -> list[Params]:

@@ -19,9 +19,9 @@ import torch.nn.functional as F
 from torch import Tensor
 from tqdm import tqdm
 
-from nnproc.infer import device
 from nnproc.losses import kl_divergence
 from nnproc.network import NNProc, occupancy_loss
+from nnproc.on_device import codes_of_vectors, latents_of_grids, logits_of_latents, values_of_latents
 from nnproc.ray_operator import RayOperator
 from procmodels.space import Params
 
@@ -111,7 +111,7 @@ def fit(
             losses = _data_loss(network, objective, state.mean.detach(), state.turn)
             state = state.kept(losses.argsort()[: options.keep])
         state.optimiser.zero_grad()
-        noise = torch.randn(state.mean.shape, generator=generator).to(state.mean.device)
+        noise = torch.randn(state.mean.shape, generator=generator)
         z = state.mean + noise * (0.5 * state.logvar).exp()
         _objective_sum(network, objective, z, state, options).backward()
         state.optimiser.step()
@@ -138,11 +138,9 @@ class _State:
 
 def _objective_sum(network: NNProc, objective: Objective, z: Tensor, state: _State, options: FitOptions) -> Tensor:
     """The whole objective, summed over latents (which do not influence each other)."""
-    with torch.autocast(z.device.type, torch.bfloat16):
-        logits = network.decode_grid(z)
-    loss = options.data * objective(logits.float(), state.turn)
+    loss = options.data * objective(logits_of_latents(network, z), state.turn)
     if options.cycle:
-        back = network.encode_params(network.decode_params(z))
+        back = codes_of_vectors(network, values_of_latents(network, z))
         loss = loss + options.cycle * (back - z).square().mean(1)
     if options.kl:
         loss = loss + options.kl * kl_divergence(state.mean, state.logvar)
@@ -153,9 +151,7 @@ def _objective_sum(network: NNProc, objective: Objective, z: Tensor, state: _Sta
 def _data_loss(network: NNProc, objective: Objective, z: Tensor, turn: Tensor, batch: int = 16) -> Tensor:
     parts = []
     for zs, ts in zip(z.split(batch), turn.split(batch), strict=True):
-        with torch.autocast(z.device.type, torch.bfloat16):
-            logits = network.decode_grid(zs)
-        parts.append(objective(logits.float(), ts))
+        parts.append(objective(logits_of_latents(network, zs), ts))
     return torch.cat(parts)
 
 
@@ -168,8 +164,7 @@ def _starts(
     extra: Sequence[tuple[Tensor, int]],
 ) -> tuple[Tensor, Tensor]:
     """Latents (B, latent) and turns (B,): the extra ones, then the best of the bank, then zeros."""
-    where = device()
-    latents = [z.reshape(1, -1).to(where) for z, _ in extra]
+    latents = [z.reshape(1, -1) for z, _ in extra]
     turn = [t for _, t in extra]
     missing = max(options.starts - len(extra), 0)
     if options.bank and missing:
@@ -177,7 +172,7 @@ def _starts(
         latents.append(bank[:missing])
         turn += bank_turn[:missing].tolist()
     elif missing:
-        latents.append(torch.zeros(missing, network.config.latent, device=where))
+        latents.append(torch.zeros(missing, network.config.latent))
         turn += [turns[i % len(turns)] for i in range(missing)]
     return torch.cat(latents), torch.tensor(turn)
 
@@ -188,20 +183,19 @@ def _ranked_bank(
     """Generated shapes in every turn, nearest first."""
     rng = np.random.default_rng(options.seed)
     vectors = network.codec.vectors([network.space.sample(rng) for _ in range(options.bank)])
-    codes = network.encode_params(vectors.to(device()))
+    codes = codes_of_vectors(network, vectors)
     losses = []
     for zs in codes.split(16):
-        with torch.autocast(zs.device.type, torch.bfloat16):
-            logits = network.decode_grid(zs).float()
+        logits = logits_of_latents(network, zs)
         losses.append(torch.stack([objective(logits, torch.full((len(zs),), t)) for t in turns], 1))
     order = torch.cat(losses).flatten().argsort()
-    return codes[order // len(turns)], torch.tensor(turns)[order.cpu() % len(turns)]
+    return codes[order // len(turns)], torch.tensor(turns)[order % len(turns)]
 
 
 @torch.no_grad()
 def _results(network: NNProc, objective: Objective, state: _State, options: FitOptions) -> list[Fit]:
     losses = _data_loss(network, objective, state.mean, state.turn)
-    params = network.codec.params(network.decode_params(state.mean))
+    params = network.codec.params(values_of_latents(network, state.mean))
     order = losses.argsort()[: options.keep].tolist()
     return [
         Fit(params[i], int(state.turn[i]), float(losses[i]), state.mean[i].detach(), state.logvar[i].detach())
@@ -219,5 +213,4 @@ def hull_starts(network: NNProc, hull: np.ndarray, turns: Sequence[int]) -> list
     inside = -F.max_pool3d(-F.pad(solid[None, None], (1,) * 6), 3, 1)[0, 0]
     skin = (solid - inside).clamp(0, 1)
     grids = torch.stack([torch.rot90(skin, -t, (0, 1)) for t in turns])
-    mean, _ = network.encode_grid(grids.to(device()))
-    return list(zip(mean, turns, strict=True))
+    return list(zip(latents_of_grids(network, grids), turns, strict=True))

@@ -18,8 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nnproc.infer import device
 from nnproc.network import NNProc
+from nnproc.on_device import logits_of_vectors
 from nnproc.ray_operator import RayOperator
 from procmodels.space import Params
 
@@ -102,7 +102,7 @@ def search(
     `corrected` takes the network's bias at the bank shape off each candidate; grids need none.
     """
     index = known.nearest(target, options.starts)
-    vectors = known.vectors[index].to(device())
+    vectors = known.vectors[index]
     bias = torch.zeros(len(index), len(target))
     if corrected:
         bias = _drawn(network, draw, vectors) - known.exact(index)
@@ -117,12 +117,7 @@ def search(
 
 
 def _drawn(network: NNProc, draw: Draw, vectors: Tensor, batch: int = 16) -> Tensor:
-    parts = []
-    for some in vectors.split(batch):
-        with torch.autocast(some.device.type, torch.bfloat16):
-            logits = network.decode_grid(network.encode_params(some))
-        parts.append(draw(logits.float()))
-    return torch.cat(parts)
+    return torch.cat([draw(logits_of_vectors(network, some)) for some in vectors.split(batch)])
 
 
 def _with_neighbours(

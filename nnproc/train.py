@@ -29,10 +29,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from datasets.synthetic import Pairs, read
-from nnproc.infer import device, grids_from_params, save_network, values_from_grids
+from nnproc.infer import grids_from_params, save_network, values_from_grids
 from nnproc.losses import VARIANTS, LossWeights, losses
 from nnproc.muon import Muon
 from nnproc.network import NetworkConfig, NNProc, cells_from_grid, parameter_count
+from nnproc.on_device import device
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.train")
@@ -214,7 +215,7 @@ def score(network: NNProc, pairs: Pairs) -> dict[str, float]:
     right = network.codec.discrete_right(values, vectors)
     return {
         "task1_d_voxel": float(100 * (grids_from_params(network, vectors) ^ grids).mean()),
-        "task2_discrete_accuracy": float(right.float().mean()),
+        "task2_discrete_accuracy": network.codec.discrete_accuracy(values, vectors),
         "task2_all_discrete_right": float(right.all(1).float().mean()),
         "task2_scalar_error": float(network.codec.scalar_error(values, vectors).mean()),
     }

@@ -8,9 +8,9 @@ object faces +Z).
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ class Asset:
     metres_per_unit       metres per canonical unit, None when the real size is not known
     world_from_canonical  (4, 4) float similarity into the frame of the photos' cameras, None without photos
     live_object           the model's function of that name, None when it has none
+    lengths               metres of the parameters that are lengths and do something, by name
     """
 
     shape: Shape
@@ -43,6 +44,7 @@ class Asset:
     metres_per_unit: float | None = None
     world_from_canonical: np.ndarray | None = None
     live_object: Callable[[Params, Any], Any] | None = None
+    lengths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def unit(self) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from procmodels.shape import Part, Shape, normalised
 from procmodels.space import Params, ParamSpace
 
@@ -36,3 +38,9 @@ class Model:
     def build(self, params: Mapping[str, Any]) -> Shape:
         """The shape in the canonical frame. Raises ParameterError for values outside the space."""
         return normalised(self.build_parts(self.space.validate(params)))
+
+    def lengths(self, params: Mapping[str, Any], metres_per_unit: float) -> dict[str, float]:
+        """Metres of the active parameters that are lengths, where a canonical unit is so many metres long."""
+        values = self.space.validate(params)
+        vertices = np.concatenate([p.vertices for p in self.build_parts(values)])
+        return self.space.metres(values, metres_per_unit / float(np.ptp(vertices, axis=0).max()))

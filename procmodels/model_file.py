@@ -109,7 +109,8 @@ def _usable(parts: Any) -> list[Part]:
             raise ValueError(f"the faces of part {part.name!r} must name three or more of its {len(vertices)} vertices")
     if not np.ptp(np.concatenate([p.vertices for p in parts]), axis=0).any():
         raise ValueError("the parts are a single point")
-    return list(parts)
+    # Faces are looked up in tables: lists of lists would not do.
+    return [Part(p.name, np.asarray(p.vertices, float), tuple(map(tuple, p.faces)), p.convex) for p in parts]
 
 
 def _place(error: BaseException, path: Path, line: int | None) -> str:

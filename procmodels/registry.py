@@ -1,6 +1,7 @@
 """Which models there are, and where: a new class is one new file in `classes/`, its weights and their card beside it.
 
-`paper/` holds the five spaces of the paper's Table 1. A class that `classes/` lacks is the paper's.
+`paper/` holds the five spaces of the paper's Table 1. A class that `classes/` lacks, or has no network for yet, is the
+paper's; its file can be loaded by its path.
 """
 
 from __future__ import annotations
@@ -27,12 +28,17 @@ TRIALS = 8  # random shapes that a user's model must build before it is used
 
 def names() -> list[str]:
     """The classes that a user may want, one of each kind; `paper/NAME` is known to `load` as well."""
-    return sorted({*_own("classes"), *paper_names()})
+    return sorted({*_class_names(), *paper_names()})
 
 
 def paper_names() -> list[str]:
     """The classes of the paper, without the folder's name."""
     return _own("paper")
+
+
+def _class_names() -> list[str]:
+    """The richer classes: of those that the paper has too, the ones whose networks are trained."""
+    return [n for n in _own("classes") if n not in paper_names() or weights_of(HERE / "classes" / f"{n}.py").is_file()]
 
 
 def load(name: str) -> Model:
@@ -41,7 +47,7 @@ def load(name: str) -> Model:
     Raises ModelError for a name that is neither, listing the known ones, for a file without SPACE or build, and with
     file and line for one that fails.
     """
-    if name in _own("classes"):
+    if name in _class_names():
         return _shipped(name, "classes", name)
     short = name.removeprefix(PAPER)
     if short in paper_names():

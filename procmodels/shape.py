@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,7 @@ class Part:
 
     def triangles(self) -> np.ndarray:
         """(m, 3) int, every polygon cut into a fan."""
-        return np.array([(f[0], f[i], f[i + 1]) for f in self.faces for i in range(1, len(f) - 1)], int)
+        return _triangles(self.faces).copy()
 
     def moved(self, matrix: np.ndarray) -> Part:
         """The part under a (4, 4) affine transform."""
@@ -67,8 +68,15 @@ def normalised(parts: list[Part]) -> Shape:
     """The parts moved and scaled to the canonical frame: bounding box centred on the origin, longest side 1."""
     vertices = np.concatenate([p.vertices for p in parts])
     low, high = vertices.min(0), vertices.max(0)
-    matrix = np.eye(4)
     scale = 1 / (high - low).max()
-    matrix[:3, :3] *= scale
-    matrix[:3, 3] = -(low + high) / 2 * scale
-    return Shape(tuple(p.moved(matrix) for p in parts))
+    moved = vertices * scale - (low + high) / 2 * scale
+    ends = np.cumsum([len(p.vertices) for p in parts])
+    return Shape(
+        tuple(Part(p.name, moved[e - len(p.vertices) : e], p.faces, p.convex) for p, e in zip(parts, ends, strict=True))
+    )
+
+
+@lru_cache(maxsize=4096)
+def _triangles(faces: tuple[Polygon, ...]) -> np.ndarray:
+    """Once for all parts of one kind: their faces depend on counts alone."""
+    return np.array([(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)], int)

@@ -5,21 +5,23 @@ Lengths are fractions of a unit of which a bed is one and a quarter long (about 
 
 from __future__ import annotations
 
-from procmodels.blender import box
 from procmodels.parts.cushions import pillow
+from procmodels.parts.primitives import box
 from procmodels.shape import Part
 from procmodels.space import Choice, Integer, Params, ParamSpace, Ratio, Scalar
+from procmodels.units import MODEL, Unit
 
 LENGTH = 1.25  # from the outside of the headboard to the outside of the footboard
-_UNIT = f"of the bed's length / {LENGTH:g}"
+_TEXT = f"of the bed's length / {LENGTH:g}"
+_UNIT, _ABOVE = Unit(_TEXT, MODEL), Unit(f"{_TEXT}, above the platform", MODEL)
 
 SPACE = ParamSpace(
     "bed",
     (
         Ratio("width", 0.6, 1.6, 5, _UNIT),
         Scalar("leg_height", 0.1, 0.3, 3, _UNIT),
-        Scalar("headboard_height", 0, 0.55, 5, f"{_UNIT}, above the platform"),
-        Scalar("footboard_height", 0, 0.55, 5, f"{_UNIT}, above the platform"),
+        Scalar("headboard_height", 0, 0.55, 5, _ABOVE),
+        Scalar("footboard_height", 0, 0.55, 5, _ABOVE),
         Scalar("mattress_height", 0.1, 0.25, 3, _UNIT),
         Choice("legs", ("basic", "split", "box")),
         Integer("pillows", 0, 2),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from procmodels.blender import box, cylinder, rotation
+from procmodels.parts.primitives import box, cylinder, rotation
 from procmodels.shape import Part
 from procmodels.space import Choice, Params, ParamSpace, Scalar
 

@@ -7,14 +7,15 @@ boards' ends, and open dividers are slim posts along the front that go on to the
 
 from __future__ import annotations
 
-from procmodels.blender import box
+from procmodels.parts.primitives import box
 from procmodels.shape import Part
 from procmodels.space import Flag, Integer, Params, ParamSpace, Ratio, Scalar
+from procmodels.units import WIDE
 
 SPACE = ParamSpace(
     "shelf",
     (
-        Ratio("width", 0.2, 5, 8),
+        Ratio("width", 0.2, 5, 8, WIDE),
         Scalar("depth", 0.1, 0.3, 3),
         Scalar("leg_height", 0, 0.2, 3),
         Integer("rows", 1, 5),

@@ -14,8 +14,9 @@ from procmodels.nodes.graph import Graph, Value, parts_of
 from procmodels.nodes.groups import finish_group, lean_group, row_group, soft_box_group
 from procmodels.shape import Part
 from procmodels.space import Integer, Params, ParamSpace, Scalar
+from procmodels.units import DEGREES, MODEL, Unit
 
-METRES = "model metres"
+METRES = Unit("model metres", MODEL)
 SPACE = ParamSpace(
     "sofa",
     (
@@ -25,9 +26,9 @@ SPACE = ParamSpace(
         Scalar("arm_width", 0.08, 0.24, 3, METRES),
         Scalar("arm_height", 0.08, 0.28, 3, METRES),
         Scalar("back_height", 0.4, 0.54, 3, METRES),
-        Scalar("back_tilt", 0.0, 20.0, 3, "degrees"),
+        Scalar("back_tilt", 0.0, 20.0, 3, DEGREES),
         Scalar("back_thickness", 0.08, 0.2, 3, METRES),
-        Scalar("cushion_softness", 0.0, 1.0, 3, "0 crisp, 1 plump"),
+        Scalar("cushion_softness", 0.0, 1.0, 3, Unit("0 crisp, 1 plump")),
         Integer("seats", 1, 3),
         Integer("back_cushions", 1, 3),
         Integer("pillows", 0, 2),
@@ -143,7 +144,7 @@ def _slider(g: Graph, p: Any) -> Value:
         return g.integer(p.name, (p.low + p.high) // 2, p.low, p.high, ABOUT[p.name])
     middle, scale = (p.low + p.high) / 2, 1.0
     subtype = "DISTANCE" if p.unit == METRES else "FACTOR"
-    if p.unit == "degrees":
+    if p.unit == DEGREES:
         subtype, scale = "ANGLE", math.radians(1)
     return g.number(p.name, middle * scale, p.low * scale, p.high * scale, ABOUT[p.name], subtype)
 

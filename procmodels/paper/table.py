@@ -6,17 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procmodels.blender import box, cylinder
+from procmodels.parts.primitives import box, cylinder
 from procmodels.shape import Part
 from procmodels.space import Choice, Flag, Params, ParamSpace, Ratio, Scalar
+from procmodels.units import WIDE, of_parameter
 
 SPACE = ParamSpace(
     "table",
     (
-        Ratio("width", 0.6, 4, 8),
+        Ratio("width", 0.6, 4, 8, WIDE),
         Scalar("depth", 0.4, 1.0, 4),
         Scalar("top_thickness", 0.05, 0.25, 3),
-        Scalar("leg_thickness", 0.11, 0.15, 3, unit="of depth"),
+        Scalar("leg_thickness", 0.11, 0.15, 3, unit=of_parameter("depth")),
         Flag("round_top"),
         Choice("legs", ("basic", "support", "round", "split", "square", "solid")),
     ),

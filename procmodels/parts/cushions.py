@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from procmodels.shape import Part
+from procmodels.shape import Part, Polygon
 
 CELLS = 10  # along each side of a sheet; even, so that the mesh is symmetric
 PINCH = 0.08  # how far the middle of a side is pulled in, of half the pillow's size: the corners stand out
@@ -24,16 +26,24 @@ def pillow(name: str, middle: tuple[float, float, float], width: float, depth: f
     above = thickness * (SEAM + (1 - SEAM) * bulge)
     below = thickness * SEAM * (1 - np.minimum(bulge / PRESSED, 1))
 
-    # The lower sheet has the upper one's vertices on the rim, and its own inside.
-    upper = np.arange(u.size).reshape(u.shape)
-    inside = np.zeros(u.shape, bool)
+    inside, faces = _sewn()
+    sheets = [np.stack([x, y, above], -1).reshape(-1, 3), np.stack([x, y, below], -1)[inside]]
+    return Part(name, np.concatenate(sheets) + middle, faces)
+
+
+@lru_cache
+def _sewn() -> tuple[np.ndarray, tuple[Polygon, ...]]:
+    """Cells (CELLS + 1, CELLS + 1) bool inside of the rim, and the faces of both sheets.
+
+    The lower sheet has the upper one's vertices on the rim, and its own inside.
+    """
+    upper = np.arange((CELLS + 1) ** 2).reshape(CELLS + 1, CELLS + 1)
+    inside = np.zeros(upper.shape, bool)
     inside[1:-1, 1:-1] = True
     lower = upper.copy()
-    lower[inside] = u.size + np.arange(inside.sum())
-    sheets = [np.stack([x, y, above], -1).reshape(-1, 3), np.stack([x, y, below], -1)[inside]]
-    # The lower sheet is seen from the other side: its triangles run the other way round.
-    faces = _triangles(upper) + [(a, c, b) for a, b, c in _triangles(lower)]
-    return Part(name, np.concatenate(sheets) + middle, tuple(faces))
+    lower[inside] = upper.size + np.arange(inside.sum())
+    # It is seen from the other side: its triangles run the other way round.
+    return inside, tuple(_triangles(upper) + [(a, c, b) for a, b, c in _triangles(lower)])
 
 
 def _triangles(sheet: np.ndarray) -> list[tuple[int, int, int]]:

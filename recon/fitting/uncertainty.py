@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from recon.fitting import moves
 from recon.fitting.gauss_newton import descended
@@ -102,7 +102,8 @@ def run(search: Search, state: State, given: Calibration | None = None) -> Certa
 
 def quantile(level: float, tail: float) -> float:
     """Deviations on either side that hold this share of a Student distribution; inf degrees of freedom are normal."""
-    return float(student.ppf((1 + level) / 2, tail))
+    # An import of scipy.stats takes a second; so many degrees of freedom are as good as infinitely many.
+    return float(stdtrit(min(tail, 1e12), (1 + level) / 2))
 
 
 def deviation(spread: float, use: Calibration) -> float:

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from procmodels.export import Asset
-from procmodels.space import Choice, Flag, Integer, Parameter, Scalar
+from procmodels.space import Choice, Flag, Integer, Parameter
 from recon.outputs.contact_sheet import MASK_COLOUR, RESULT_COLOUR, Tile, colour_of
+from recon.outputs.parameter_table import bar, spaced, table
 from recon.outputs.report_css import CSS
 from recon.outputs.result import Result, counted, seen, tried
 from recon.system.names import shown
@@ -40,9 +41,10 @@ class Words:
 def words(result: Result, asset: Asset) -> Words:
     """A heading and one or two sentences: what it is, how large, from how many photos, how well it fits."""
     values = result.params
-    traits = [t for p in asset.space.parameters if (t := _trait(p, values[p.name]))]
+    active = asset.space.active(values)
+    traits = [t for p in asset.space.parameters if p.name in active and (t := _trait(p, values[p.name]))]
     article = "An" if result.class_name[0] in "aeiou" else "A"
-    what = f"{article} {_spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
+    what = f"{article} {spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
     used, given = int(result.silhouettes.used.sum()), len(result.frames.names)
     text = f"{what}; {_size(asset)}. "
     if used:
@@ -54,10 +56,10 @@ def words(result: Result, asset: Asset) -> Words:
     if (met := result.shape) is not None:
         apart = 100 * (met.distance / 2) ** 0.5
         text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
-        return Words(shown(f"{_spaced(result.class_name).capitalize()} from {met.what}"), shown(text))
+        return Words(shown(f"{spaced(result.class_name).capitalize()} from {met.what}"), shown(text))
     if result.classes:
         text += f" No class was named: {tried(result.classes)}."
-    return Words(shown(f"{_spaced(result.class_name).capitalize()} from {counted(result)}"), shown(text.strip()))
+    return Words(shown(f"{spaced(result.class_name).capitalize()} from {counted(result)}"), shown(text.strip()))
 
 
 def verdict(iou: float) -> str:
@@ -81,10 +83,10 @@ def page(
     body = [
         f"<header><h1>{escape(text.title)}</h1><p class=lead>{escape(text.sentence)}</p></header>",
         f"<div class=renders>{''.join(_picture(r, f'result, view {i + 1}', 92) for i, r in enumerate(renders))}</div>",
-        f"<p class=confidence><b>Confidence {confidence:.2f}</b> {_bar(confidence)} {escape(facts['explanation'])}</p>",
+        f"<p class=confidence><b>Confidence {confidence:.2f}</b> {bar(confidence)} {escape(facts['explanation'])}</p>",
         _warnings(facts),
         "<div class=columns>",
-        f"<section><h2>Parameters</h2>{_parameters(asset, facts['params'], sure)}</section>",
+        f"<section><h2>Parameters</h2>{table(asset, facts['params'], sure)}</section>",
         f"<section><h2>Files</h2>{_files(files)}{_alternatives(facts)}</section>",
         "</div>",
         f"<section><h2>{heading}</h2>{_legend(facts)}",
@@ -100,9 +102,9 @@ def page(
 
 
 def _trait(parameter: Parameter, value: Any) -> str:
-    name = _spaced(parameter.name)
+    name = spaced(parameter.name)
     if isinstance(parameter, Choice):
-        return f"no {name}" if value == "none" else f"{_spaced(str(value))} {name}"
+        return f"no {name}" if value == "none" else f"{spaced(str(value))} {name}"
     if isinstance(parameter, Integer):
         return f"{value} {name}"
     return (name if value else f"no {name}") if isinstance(parameter, Flag) else ""
@@ -115,45 +117,6 @@ def _size(asset: Asset) -> str:
     return (
         f"{wide / high:.2f} times as wide and {deep / high:.2f} times as deep as high (real size not given: --height)"
     )
-
-
-def _parameters(asset: Asset, values: dict[str, Any], sure: dict[str, Any]) -> str:
-    """A table: name, value, where it lies in its range, and how sure it is: a band, or a share and the best rival."""
-    rows = []
-    for p in asset.space.parameters:
-        value = values[p.name]
-        if isinstance(p, Scalar):
-            shown, where = f"{value:.3f}", _ranged(p.unit_from_value(float(value)), f"{p.low:g}", f"{p.high:g}")
-            if about := sure.get(p.name):
-                ends = [p.unit_from_value(float(about[k])) for k in ("low", "high")]
-                where = _ranged(p.unit_from_value(float(value)), f"{p.low:g}", f"{p.high:g}", (min(ends), max(ends)))
-            shown += f" <small>{escape(p.unit)}</small>"
-        elif isinstance(p, Integer):
-            share = (value - p.low) / max(p.high - p.low, 1)
-            shown, where = str(value), _ranged(share, str(p.low), str(p.high))
-        else:
-            options = p.options if isinstance(p, Choice) else ("yes", "no")
-            shown = str(value) if isinstance(p, Choice) else ("yes" if value else "no")
-            where = " ".join(f"<span class={'chosen' if o == shown else 'other'}>{escape(o)}</span>" for o in options)
-            shown = escape(shown)
-        if "chance" in (about := sure.get(p.name, {})):
-            where += f" <small>{100 * about['chance']:.0f} % sure, else {escape(_plain(about['rival']))}</small>"
-        rows.append(f"<tr><th>{escape(_spaced(p.name))}</th><td>{shown}</td><td>{where}</td></tr>")
-    return f"<table class=parameters>{''.join(rows)}</table>"
-
-
-def _plain(value: Any) -> str:
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else _spaced(str(value))
-
-
-def _ranged(share: float, low: str, high: str, sure: tuple[float, float] | None = None) -> str:
-    return f"<span class=range><small>{low}</small>{_bar(share, sure)}<small>{high}</small></span>"
-
-
-def _bar(share: float, sure: tuple[float, float] | None = None) -> str:
-    """A bar filled up to a share; `sure` marks where the value lies in nine of ten cases."""
-    band = "" if sure is None else f'<u style="left:{100 * sure[0]:.1f}%;width:{100 * (sure[1] - sure[0]):.1f}%"></u>'
-    return f'<span class=bar><i style="width:{100 * min(max(share, 0), 1):.1f}%"></i>{band}</span>'
 
 
 def _warnings(facts: dict[str, Any]) -> str:
@@ -220,7 +183,7 @@ def _seconds(seconds: dict[str, float]) -> str:
     total = max(seconds["total"], 1e-9)
     rows = []
     for stage, value in seconds.items():
-        share = _bar(value / total) if stage != "total" else ""
+        share = bar(value / total) if stage != "total" else ""
         rows.append(f"<tr><th>{escape(stage)}</th><td>{value:.1f}</td><td>{share}</td></tr>")
     return f"<table class=seconds>{''.join(rows)}</table>"
 
@@ -233,7 +196,3 @@ def _versions(facts: dict[str, Any]) -> str:
 
 def _listed(items: list[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
-
-
-def _spaced(name: str) -> str:
-    return name.replace("_", " ")

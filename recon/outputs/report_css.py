@@ -29,6 +29,8 @@ td { width: 99%; }
 td > .bar { width: 100%; }
 .bar i { display: block; height: 100%; background: var(--accent); border-radius: 4px; }
 .bar u { position: absolute; top: 0; height: 100%; background: #2b2823; opacity: .35; min-width: 2px; }
+.group th { padding-top: 1rem; color: var(--faint); text-transform: capitalize; }
+.idle { color: var(--faint); }
 .chosen, .other { display: inline-block; padding: 0 .5em; border-radius: 4px; }
 .chosen { background: var(--accent); color: #fff; }
 .other { color: var(--faint); }

@@ -20,7 +20,7 @@ import numpy as np
 from procmodels import Model
 from procmodels.export import Asset, export_glb, export_obj, save_blend
 from procmodels.shape import Shape
-from procmodels.space import Choice, Integer, Scalar
+from procmodels.space import Choice, Integer, Parameter, Scalar
 from recon.fitting.uncertainty import LEVEL
 from recon.outputs import camera_export, contact_sheet, point_tiles, publish, report
 from recon.outputs.previews import render_previews
@@ -155,7 +155,7 @@ def params_content(result: Result, asset: Asset) -> dict[str, Any]:
         "class": result.class_name,
         "space_hash": asset.space.hash,
         "values": _plain(result.params),
-        "parameters": {p.name: _parameter(p, result) for p in asset.space.parameters},
+        "parameters": {p.name: _parameter(p, asset) for p in asset.space.parameters},
         "canonical_frame": "X right, faces -Y, Z up, bounding box centred on the origin, longest side 1",
         "size_canonical": [round(float(x), 6) for x in extent],
         "world_from_canonical": result.canonical.world_from_canonical.tolist(),
@@ -167,17 +167,19 @@ def params_content(result: Result, asset: Asset) -> dict[str, Any]:
     }
 
 
-def _parameter(parameter: Any, result: Result) -> dict[str, Any]:
-    value = result.params[parameter.name]
-    about: dict[str, Any] = {"value": value, "is": parameter.describe()}
+def _parameter(parameter: Parameter, asset: Asset) -> dict[str, Any]:
+    about: dict[str, Any] = {"value": asset.params[parameter.name], "is": parameter.describe()}
+    about |= {k: v for k, v in (("about", parameter.about), ("group", parameter.group)) if v}
+    if parameter.only_if:
+        about |= {"only_if": str(parameter.only_if), "active": parameter.name in asset.space.active(asset.params)}
     if isinstance(parameter, Scalar | Integer):
         about |= {"low": parameter.low, "high": parameter.high}
     if isinstance(parameter, Choice):
         about["options"] = list(parameter.options)
     if isinstance(parameter, Scalar):
-        about["unit"] = parameter.unit
-        if parameter.unit == "of height" and result.height_m is not None:
-            about["metres"] = float(value) * result.height_m
+        about["unit"] = str(parameter.unit)
+        if parameter.name in asset.lengths:
+            about["metres"] = asset.lengths[parameter.name]
     return _plain(about)
 
 
@@ -186,7 +188,9 @@ def asset_of(result: Result, model: Model) -> Asset:
     shape: Shape = model.build(result.params)
     height = float(np.ptp(shape.bounds(), axis=0)[2])
     metres = None if result.height_m is None else result.height_m / height
-    return Asset(shape, model.space, result.params, metres, result.canonical.world_from_canonical, model.live_object)
+    lengths = {} if metres is None else model.lengths(result.params, metres)
+    world = result.canonical.world_from_canonical
+    return Asset(shape, model.space, result.params, metres, world, model.live_object, lengths)
 
 
 def _write_meshes(folder: Path, asset: Asset, options: OutputsOptions) -> None:

@@ -16,6 +16,7 @@ from nnproc.network import (
     occupancy_loss,
     occupancy_slope,
 )
+from procmodels.conditions import when
 from procmodels.space import Choice, Flag, Integer, ParamSpace, Scalar
 
 SPACE = ParamSpace(
@@ -91,6 +92,52 @@ def test_param_loss_vanishes_only_at_the_truth(rng):
         sure[:, block] = vectors[:, block] * 40
     assert codec.loss(sure, vectors).max() < 1e-2
     assert (codec.loss(-sure, vectors) > 0.2).all()
+
+
+CONDITIONAL = ParamSpace(
+    "conditional",
+    (
+        Choice("back", ("none", "bars"), usual=(1, 3)),
+        Integer("bars", 1, 3, only_if=when("back").is_("bars"), usual=(1, 0, 0)),
+        Scalar("width", 0.2, 1.0, only_if=when("bars").above(1), usual=(0.4, 0.1)),
+        Flag("ring", only_if=when("back").is_("none"), usual=0.9),
+        Scalar("depth", 0.2, 1.0),
+    ),
+)
+
+
+def test_what_does_nothing_counts_neither_in_the_loss_nor_in_the_accuracy():
+    codec = Codec(CONDITIONAL)
+    bare = {"back": "none", "bars": 1, "width": 0.4, "ring": False, "depth": 0.6}
+    target = codec.vectors([bare, {**bare, "back": "bars", "bars": 3, "width": 0.8, "ring": True}])
+    other = codec.vectors([bare, {**bare, "back": "bars", "bars": 3, "width": 0.8, "ring": True}])
+    other[0, codec.space.slices["bars"]] = torch.tensor([0.0, 0.0, 1.0])
+    other[0, codec.space.slices["width"]] = 0.9
+    other[1, codec.space.slices["ring"]] = 0.0
+    scores = torch.logit(other.clamp(1e-6, 1 - 1e-6))
+    assert codec.loss(scores, target).max() < 1e-3
+    assert codec.scalar_error(other, target).tolist() == [0, 0]
+    assert codec.discrete_right(other, target).all()
+    assert codec.discrete_accuracy(other, target) == 1
+    assert torch.equal(codec.snap(other), target), "held at what is usual"
+
+    wrong = other.clone()
+    wrong[1, codec.space.slices["width"]] = 0.0
+    wrong[1, codec.space.slices["bars"]] = torch.tensor([1.0, 0.0, 0.0])
+    assert codec.scalar_error(wrong, target).tolist() == pytest.approx([0, 0.75 / 2])
+    # Of back and ring, back and bars one is wrong.
+    assert codec.discrete_accuracy(wrong, target) == 3 / 4
+    assert codec.loss(torch.logit(wrong.clamp(1e-6, 1 - 1e-6)), target)[1] > 1
+
+
+def test_the_loss_gives_no_gradient_to_what_does_nothing():
+    codec = Codec(CONDITIONAL)
+    target = codec.vectors([{"back": "none", "bars": 1, "width": 0.4, "ring": False, "depth": 0.6}])
+    scores = torch.randn(1, codec.width, requires_grad=True)
+    codec.loss(scores, target).sum().backward()
+    assert scores.grad is not None
+    assert torch.equal(scores.grad[0] != 0, codec.active(target)[0])
+    assert codec.active(target)[0].tolist() == [True] * 2 + [False] * 4 + [True] * 2
 
 
 def test_kl_of_the_prior_is_zero():

@@ -13,7 +13,7 @@ from recon.pipelines import class_selection
 from run_recon import main
 
 ROOT = Path(__file__).parents[2]
-HEAD = """from procmodels.blender import box
+HEAD = """from procmodels.parts.primitives import box
 from procmodels.space import ParamSpace, Scalar
 SPACE = ParamSpace('my_stool', (Scalar('depth', 0.2, 1.0, 3),))
 """

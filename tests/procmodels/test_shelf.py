@@ -1,7 +1,6 @@
 """The shelf model: counts, flags that always show, sound and separate parts all over the space."""
 
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -159,13 +158,3 @@ def test_very_short_legs_leave_no_splinters(shelf):
     for height in (0.0, 1e-6, 1e-4):
         boxes = _boxes(shelf, {**BASE, "leg_height": height})
         assert (boxes[:, 1] - boxes[:, 0]).min() > 5e-3
-
-
-def test_the_fullest_shelf_is_built_quickly(shelf):
-    params = {**BASE, "rows": 5, "columns": 5, "filled_back": True}
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        shelf.build(params)
-        times.append(time.perf_counter() - start)
-    assert min(times) < 0.03

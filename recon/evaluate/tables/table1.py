@@ -148,7 +148,7 @@ def _recovered(bench: Bench, grid: str, task: str, name: str, method: Method, he
         d_chamfer=float(np.mean([chamfer(s.to_trimesh(), c.mesh) for s, c in zip(shapes, held_out, strict=True)])),
         floor=float(np.mean([chamfer(c.mesh, c.mesh) for c in held_out])),
         d_voxel=float(np.mean([d_voxel(g, c.grid) for g, c in zip(grids, held_out, strict=True)])),
-        discrete_accuracy=float(codec.discrete_right(values, true).float().mean()),
+        discrete_accuracy=codec.discrete_accuracy(values, true),
         scalar_error=float(codec.scalar_error(values, true).mean()),
         seconds=float(np.mean(seconds)),
         visible_right=_visible_right(bench.model, task, found, held_out) if task.startswith("4 ") else None,
