@@ -14,7 +14,6 @@ from recon.fitting.placement import moved_frame, rigid_velocities, yaw
 from recon.fitting.problem import Posed
 from recon.geometry.view_geometry import seen_from
 from recon.scene import Cameras as Views
-from recon.scene import Canonical, cam_from_canonical
 
 FOCAL = 5.0  # a fifth of the focal length's logarithm moves an outline about as much as the other numbers do
 
@@ -66,10 +65,11 @@ class Cameras:
 
     def posed(self, shape: Shape, place: np.ndarray, front: int) -> Posed:
         frames, zoom = self.frames(place)
-        poses = [cam_from_canonical(self.views.subset([i]), Canonical(frame))[0] for i, frame in enumerate(frames)]
+        poses = self.views.cam_from_world @ frames
+        poses[:, :3] /= np.linalg.norm(frames[:, :3, 0], axis=1)[:, None, None]
         K = self.views.K.copy()
         K[:, (0, 1), (0, 1)] *= zoom
-        return Posed(shape, frames[0], np.stack(poses), K)
+        return Posed(shape, frames[0], poses, K)
 
     def moved(self, place: np.ndarray, delta: np.ndarray) -> np.ndarray:
         delta = delta * self.free

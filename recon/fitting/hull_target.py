@@ -36,6 +36,7 @@ class Hull:
 
     levels = 1
     weight = 1.0
+    usual = 5e-7
 
     def __init__(
         self,

@@ -43,6 +43,8 @@ class Masks:
     valid   (V, H, W) bool, False where nothing is known
     """
 
+    usual = 1e-4
+
     def __init__(self, masks: np.ndarray, valid: np.ndarray, levels: Sequence[Level]) -> None:
         self.masks, self.valid, self.looks = masks.astype(np.float32), valid, tuple(levels)
         self.levels = len(self.looks)

@@ -25,7 +25,7 @@ class Choose:
     values: tuple[tuple[str, Value], ...]
 
     def applied(self, problem: Problem, state: State) -> State:
-        return replace(state, choices={**state.choices, **dict(self.values)})
+        return problem.held(replace(state, choices={**state.choices, **dict(self.values)}))
 
     def __str__(self) -> str:
         return ", ".join(f"{name} = {value}" for name, value in self.values)
@@ -56,7 +56,7 @@ class Jump:
     def applied(self, problem: Problem, state: State) -> State:
         units = state.units.copy()
         units[self.scalar] = self.unit
-        return replace(state, units=units)
+        return problem.held(replace(state, units=units))
 
     def __str__(self) -> str:
         return f"scalar {self.scalar} at {100 * self.unit:.0f} % of its range"
@@ -78,8 +78,9 @@ class Both:
 
 def choices(problem: Problem, state: State) -> Iterator[Choose]:
     """Every change of one choice that does something."""
+    active = problem.active(state)
     for p in problem.model.space.discrete:
-        for i in range(p.grid_steps):
+        for i in range(p.grid_steps if p.name in active else 0):
             if (value := p.grid_value(i)) != state.choices[p.name]:
                 yield Choose(((p.name, value),))
 
@@ -93,7 +94,7 @@ def fronts(problem: Problem, state: State) -> Iterator[Face]:
 
 def jumps(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Jump]:
     """Every scalar that does something, elsewhere in its range."""
-    for i in np.flatnonzero(problem.active(state.choices)):
+    for i in np.flatnonzero(problem.movable(state)):
         for unit in units:
             yield Jump(int(i), unit)
 

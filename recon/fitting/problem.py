@@ -17,6 +17,7 @@ import numpy as np
 from procmodels import Model
 from procmodels.shape import Shape
 from procmodels.space import Params
+from recon.fitting.usual import Usual
 
 STEP = 2e-3  # of a scalar's range: what its finite difference of builds is taken over
 KEPT = 400  # shapes
@@ -68,10 +69,12 @@ class Target(Protocol):
     """What shapes are compared with, coarsely (level 0) to finely.
 
     weight  squares of residuals that one unit of loss is worth
+    usual   loss that a parameter one spread off its usual value may cost: enough to decide what is not to be seen
     """
 
     levels: int
     weight: float
+    usual: float
 
     def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
         """(m,); `at` is the state that derivatives were taken at, where residuals are laid out on its surface."""
@@ -114,9 +117,10 @@ class Problem:
 
     def __init__(self, model: Model, target: Target, placement: Placement, held: bool = False) -> None:
         """`held`: the shape is known, its place alone is sought."""
-        self.held = held
+        self.shape_held = held
         self.model, self.target, self.placement = model, target, placement
         self.scalars = model.space.scalars
+        self.usual = Usual(model.space)
         self.builds = 0
         self._shapes: dict[tuple, Shape] = {}
         self._losses: dict[tuple, float] = {}
@@ -125,28 +129,52 @@ class Problem:
 
     def state(self, params: Mapping[str, Any], place: np.ndarray, front: int = 0) -> State:
         """A start."""
+        return self._of(self.model.space.held(params), place, front)
+
+    def _of(self, params: Mapping[str, Any], place: np.ndarray, front: int) -> State:
         units = np.array([np.clip(s.unit_from_value(float(params[s.name])), 0, 1) for s in self.scalars])
         return State(units, {p.name: params[p.name] for p in self.model.space.discrete}, place, front)
 
+    def held(self, state: State) -> State:
+        """The state with what does nothing at its usual values, so that each shape is one state."""
+        space = self.model.space
+        if not space.conditional:
+            return state
+        values = self._values(state)
+        active = space.active(values)
+        if all(p.name in active or values[p.name] == p.usual_value() for p in space.parameters):
+            return state
+        return self._of(space.held(values), state.place, state.front)
+
     def params(self, state: State) -> Params:
         """Parameter values in the space's order."""
-        values = {s.name: s.value_from_unit(float(u)) for s, u in zip(self.scalars, state.units, strict=True)}
-        return self.model.space.validate({**values, **state.choices})
+        return self.model.space.validate(self._values(state))
 
-    def active(self, choices: Params) -> np.ndarray:
-        """(n,) bool: the scalars that do something under these choices."""
-        return np.full(len(self.scalars), not self.held)
+    def _values(self, state: State) -> Params:
+        values = {s.name: s.value_from_unit(float(u)) for s, u in zip(self.scalars, state.units, strict=True)}
+        return {**values, **state.choices}
+
+    def active(self, state: State) -> frozenset[str]:
+        """Names of the parameters that do something."""
+        return self.model.space.active(self._values(state))
+
+    def movable(self, state: State) -> np.ndarray:
+        """(n,) bool: the scalars that do something, unless the shape is held."""
+        if self.shape_held or not self.model.space.conditional:
+            return np.full(len(self.scalars), not self.shape_held)
+        active = self.active(state)
+        return np.array([s.name in active for s in self.scalars], bool)
 
     def free(self, state: State) -> np.ndarray:
         """(n + k,) bool: what may move."""
-        return np.concatenate([self.active(state.choices), self.placement.free])
+        return np.concatenate([self.movable(state), self.placement.free])
 
     def moved(self, state: State, delta: np.ndarray) -> State:
         """The state moved by (n + k,): scalars by shares of their ranges, then the place."""
         n = len(self.scalars)
         units = np.clip(state.units + delta[:n], 0, 1)
         place = self.placement.moved(state.place, delta[n:]) if delta[n:].any() else state.place
-        return replace(state, units=units, place=place)
+        return self.held(replace(state, units=units, place=place))
 
     def shape(self, state: State) -> Shape:
         """The state's shape; many states differ in their places alone."""
@@ -167,7 +195,9 @@ class Problem:
         """What decides between states: the target's loss and what unusual places cost."""
         if state.key not in self._losses:
             posed = self.posed(state)
-            self._losses[state.key] = self.target.loss(posed) + float(np.square(self._priors(posed, state)).sum())
+            unusual = float(np.square(self._priors(posed, state)).sum())
+            unusual += self.target.usual * self.usual.rarity(state.choices)
+            self._losses[state.key] = self.target.loss(posed) + unusual
         return self._losses[state.key]
 
     def residuals(self, state: State, level: int, at: State | None = None) -> np.ndarray:
@@ -189,7 +219,7 @@ class Problem:
 
     def nearby(self, state: State, posed: Posed) -> dict[int, tuple[float, Posed]]:
         """By number of a scalar that does something: a small step of it and the shape there."""
-        near = {int(i): self._near(state, posed, int(i)) for i in np.flatnonzero(self.active(state.choices))}
+        near = {int(i): self._near(state, posed, int(i)) for i in np.flatnonzero(self.movable(state))}
         return {i: found for i, found in near.items() if found is not None}
 
     def _near(self, state: State, posed: Posed, i: int) -> tuple[float, Posed] | None:
@@ -218,21 +248,23 @@ class Problem:
         return np.concatenate([scalars, place], -1)
 
     def _priors(self, posed: Posed, state: State) -> np.ndarray:
-        """Roots of all that is unusual."""
-        return self.placement.priors(posed, state.place)
+        """Roots of what an unusual place and unusual scalars cost; a scalar that does nothing is at its usual value."""
+        off = np.sqrt(self.target.usual) * self.usual.deviations(state.units)
+        return np.concatenate([self.placement.priors(posed, state.place), off])
 
     def _prior_slopes(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
-        """(r, n + k) finite differences of the priors, which need no drawing."""
-        here, n = self._priors(posed, state), len(state.units)
-        out = np.zeros((len(here), n + len(self.placement.free)))
-        if not len(here):
-            return out
-        for i, (step, there) in nearby.items():
-            out[:, i] = (self._priors(there, self.moved(state, step * np.eye(out.shape[1])[i])) - here) / step
-        for i in n + np.flatnonzero(self.placement.free):
-            other = self.moved(state, 1e-5 * np.eye(out.shape[1])[i])
-            out[:, i] = (self._priors(self.posed(other), other) - here) / 1e-5
-        return out
+        """(r, n + k) derivatives of the priors: of places by finite differences, which need no drawing."""
+        priors, n, k = self.placement.priors, len(state.units), len(self.placement.free)
+        here = priors(posed, state.place)
+        out = np.zeros((len(here), n + k))
+        for i, (step, there) in nearby.items() if len(here) else ():
+            out[:, i] = (priors(there, state.place) - here) / step
+        for i in np.flatnonzero(self.placement.free) if len(here) else ():
+            place = self.placement.moved(state.place, 1e-5 * np.eye(k)[i])
+            moved = self.placement.posed(posed.shape, place, state.front)
+            out[:, n + i] = (priors(moved, place) - here) / 1e-5
+        off = np.sqrt(self.target.usual) * self.usual.slopes * self.movable(state)
+        return np.concatenate([out, np.pad(off, ((0, 0), (0, k)))])
 
 
 def _alike(a: Shape, b: Shape) -> bool:

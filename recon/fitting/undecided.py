@@ -17,7 +17,7 @@ ALIKE, COMBINED, POINTS = 20, 120, 500  # states that are compared at most, comb
 
 def centred(problem: Problem, state: State) -> State:
     """Every scalar in the middle of what the loss allows: pixels and voxels leave room, some views much."""
-    for i in np.flatnonzero(problem.active(state.choices)):
+    for i in np.flatnonzero(problem.movable(state)):
         units = state.units.copy()
         units[i] = sum(_end(problem, state, int(i), way) for way in (-1, 1)) / 2
         middle = replace(state, units=units)
