@@ -26,8 +26,8 @@ from recon.evaluate.data.scenes import read_mask
 from recon.evaluate.metrics import best_turn
 from recon.evaluate.rows import Row, print_table
 from recon.fitting.camera_search import FoundView, find
+from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
-from recon.fitting.view_search import CameraSearchOptions, OneView
 from recon.geometry.raster import iou, silhouettes
 from recon.geometry.view_geometry import guessed_K, mask_box
 from recon.scene import Cameras, InputError, cam_from_canonical

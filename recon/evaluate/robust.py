@@ -22,8 +22,8 @@ from recon.evaluate.data.true_views import one_view
 from recon.evaluate.metrics import chamfer
 from recon.evaluate.rows import Row
 from recon.fitting.camera_search import find
+from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
-from recon.fitting.view_search import CameraSearchOptions, OneView
 from recon.masks.silhouettes import SilhouetteOptions, judge
 from recon.scene import Poses, ReconError, Silhouettes
 

@@ -1,22 +1,29 @@
-"""One mask, and a camera of which little or nothing is known: find parameters and camera together.
+"""Masks, and cameras of which little or nothing is known: find parameters and cameras together.
 
-Views of a bank that look like the mask start the search; each is then moved by the exact search
-(recon.fitting.view_search). One mask does not tell all of shape and camera; weak priors
-(recon.fitting.camera_priors) decide what it leaves open.
+Views of a bank that look like the mask start the search; each is then moved by the exact search. One mask does not tell
+all of shape and camera; weak priors (recon.fitting.camera_priors) decide what it leaves open. Of several masks the
+first is taken alone; the camera of each other one is searched with that shape held; then all moves together.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from procmodels import Model
+from procmodels.space import Params
 from recon.fitting import uncertainty
-from recon.fitting.refine import Refined
-from recon.fitting.silhouette_bank import Bank
-from recon.fitting.view_search import CameraSearchOptions, OneView, ViewSearch
+from recon.fitting.moves import Face
+from recon.fitting.one_view import CameraSearchOptions, OneView, ViewProblem, distinct, problem_of, starts
+from recon.fitting.problem import State
+from recon.fitting.refine import NEARLY, Refined
+from recon.fitting.search import Search, turned_round
+from recon.fitting.silhouette_bank import Bank, shape_bank
 from recon.scene import Canonical
+
+ELSEWHERE = 40.0  # degrees: another camera so far round has another front before it
 
 
 @dataclass(frozen=True)
@@ -30,28 +37,83 @@ class FoundView:
     elevation: float
 
 
+@dataclass(frozen=True)
+class FoundViews:
+    """The answer to several masks: parameters, K (V, 3, 3), cam_from_canonical (V, 4, 4) rigid and the mean IoU."""
+
+    params: Params
+    K: np.ndarray
+    cam_from_canonical: np.ndarray
+    mean_iou: float
+
+
 def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions = CameraSearchOptions()) -> FoundView:
     """Parameters and camera that explain the mask best."""
-    job = ViewSearch(model, view, options)
-    starts = job.starts(bank, options.starts)
-    polished = job.distinct([job.polish(s) for s in starts], options.finals, 2)
-    job.options = options.fine
-    finals = sorted((job.climbed(job.improve_choices(s)) for s in polished), key=job.iou, reverse=True)
-    best = job.climbed(job.faced(finals[0]))
+    problem = problem_of(model, [view], options)
+    coarse, fine = Search(problem, options.coarse), Search(problem, options.fine)
+    begun = starts(problem, bank, options, options.starts)
+    polished = distinct(problem, [coarse.step(s, options.coarse.steps[0]) for s in begun], options.finals, 2)
+    finals = sorted((fine.finished(fine.improved(s)) for s in polished), key=problem.loss)
+    best = turned_round(fine, finals[0], lambda loss: (1 + NEARLY) * loss + 5e-4)
+    ranked = [(move, problem.agreement(s)) for move, s in fine.polished_neighbours(best)]
+    others = _elsewhere(problem, best, finals[1:])
+    fronts = [iou for move, iou in ranked if isinstance(move, Face)] + [iou for apart, _, iou in others if apart]
+    words = [(str(move), iou) for move, iou in ranked] + [(said, iou) for _, said, iou in others]
+    posed = problem.posed(best)
     refined = Refined(
-        job.params(best),
-        Canonical(best.canonical),
-        job.agreement(best),
-        max(map(job.agreement, starts)),
-        tuple(sorted([*job.alternatives(best), *job.other_cameras(best, finals[1:])], key=lambda a: -a[1])),
-        uncertainty.run(job, best),
+        problem.params(best),
+        Canonical(posed.target_from_shape),
+        problem.agreement(best),
+        max(map(problem.agreement, begun)),
+        tuple(sorted(words, key=lambda pair: -pair[1])),
+        uncertainty.run(fine, best),
+        next_front=max(fronts, default=0.0),
     )
-    K = view.K.copy()
-    K[(0, 1), (0, 1)] *= best.zoom
-    return FoundView(refined, K, job.crops.cameras.cam_from_world[0], *job.direction(best))
+    return FoundView(
+        refined, _K(view, problem, best), problem.placement.views.cam_from_world[0], *problem.direction(best)
+    )
 
 
 def first_look(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions = CameraSearchOptions()) -> float:
     """IoU after a short search: cheap evidence for or against a class."""
-    job = ViewSearch(model, view, options)
-    return max(job.agreement(job.climbed(job.polish(s))) for s in job.starts(bank, 3))
+    problem = problem_of(model, [view], options)
+    search = Search(problem, options.coarse)
+    return max(problem.agreement(search.finished(s)) for s in starts(problem, bank, options, 3))
+
+
+def find_all(
+    model: Model, views: Sequence[OneView], params: Params, options: CameraSearchOptions = CameraSearchOptions()
+) -> FoundViews:
+    """Parameters and cameras that explain several masks best, from the parameters that explain the first."""
+    bank = shape_bank(model, params, options.bank)
+    states = []
+    for view in views:
+        alone = problem_of(model, [view], options, held=True)
+        search = Search(alone, options.coarse)
+        begun = starts(alone, bank, options, options.starts // 2)
+        states.append(min((search.finished(s) for s in begun), key=alone.loss))
+    problem = problem_of(model, views, options)
+    search = Search(problem, options.fine)
+    state = problem.state(params, problem.placement.shared([s.place for s in states]))
+    state = search.finished(search.improved(search.step(state, options.fine.steps[2])))
+    K = np.stack([_K(view, problem, state) for view in views])
+    return FoundViews(problem.params(state), K, problem.posed(state).cam_from_shape, problem.agreement(state))
+
+
+def _K(view: OneView, problem: ViewProblem, state: State) -> np.ndarray:
+    """The whole image's lens."""
+    K = view.K.copy()
+    K[(0, 1), (0, 1)] *= problem.placement.frames(state.place)[1]
+    return K
+
+
+def _elsewhere(problem: ViewProblem, best: State, others: Sequence[State]) -> list[tuple[bool, str, float]]:
+    """(whether from another side, description, IoU) of the finalists that are seen from elsewhere."""
+    out, (azimuth, _) = [], problem.direction(best)
+    for state in others:
+        there, elevation = problem.direction(state)
+        apart = round((there - azimuth + 180) % 360 - 180)
+        side = abs(apart) > ELSEWHERE
+        said = f"{'front' if side else 'camera'} turned by {apart} degrees"
+        out.append((side, f"{said}, seen from an elevation of {elevation:.0f} degrees", problem.agreement(state)))
+    return out

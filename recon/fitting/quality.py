@@ -39,8 +39,7 @@ def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos
     mean = float(view_iou[masks.used].mean())
     agreement = float(np.clip((mean - POOR) / (GOOD - POOR), 0, 1))
     coverage = float(masks.used.sum() / max(photos, 1))
-    fronts = [score for name, score in refined.alternatives if name.startswith("front")]
-    lead = refined.mean_iou - max(fronts, default=0.0)
+    lead = refined.mean_iou - refined.next_front
     decided = float(np.clip(0.5 + 0.5 * lead / CLEAR, 0.5, 1))
     explanation = (
         f"outlines agree by {mean:.2f} (IoU), {int(masks.used.sum())} of {photos} photos used, "

@@ -1,13 +1,13 @@
 """Polish parameters and alignment on the exact procedural model.
 
-The fit's candidates are polished on silhouettes (recon.fitting.silhouette_search). An object that the class cannot make
-is searched once more by distance (recon.fitting.distance_search):
-overlaps of outlines are no guide to what is merely similar.
+The fit's candidates are polished on silhouettes. An object that the class cannot make is searched once more by distance
+(recon.fitting.by_distance): overlaps of outlines are no guide to what is merely similar.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,16 +15,48 @@ import numpy as np
 from procmodels import Model
 from procmodels.space import Params
 from recon.fitting import uncertainty
-from recon.fitting.distance_search import DistanceSearch, widest_gap
+from recon.fitting.by_distance import DistanceSearch, widest_gap
+from recon.fitting.gauss_newton import descended
+from recon.fitting.mask_target import Level, Masks
+from recon.fitting.moves import Face
 from recon.fitting.network_starts import FitResult
-from recon.fitting.silhouette_search import RefineOptions, SilhouetteSearch
+from recon.fitting.placement import Similarity
+from recon.fitting.problem import Problem, State
+from recon.fitting.search import Schedule, Search, solve, turned_round
 from recon.fitting.uncertainty import Certainty
+from recon.geometry.align import quarter_turn
 from recon.geometry.object_windows import object_crops
 from recon.scene import Canonical, Poses, ReconstructionError, Silhouettes
 
 log = logging.getLogger("recon")
 MET = 0.97  # mean IoU of outlines that are met to a pixel or two
 OPEN = 140.0  # degrees round the object without a camera: the hull is not carved there
+NEARLY = 0.1  # of what is left unexplained: so much worse may the likelier of two fronts be
+
+
+@dataclass(frozen=True)
+class RefineOptions:
+    """How the exact search runs."""
+
+    size: int = 112  # pixels along each side of a window
+    max_views: int = 32  # spread evenly over the photos; more add time and little else
+    levels: tuple[Level, ...] = (Level(4, blur=1), Level(2, blur=1), Level(1, blur=2))  # the last is polished by once
+    candidates: int = 3  # of the fit's, that are polished at all
+    sweeps: int = 3  # rounds over the discrete parameters and fronts
+    tries: int = 4  # the most promising changes of a round that are polished
+    steps: tuple[int, int, int] = (5, 3, 10)  # Gauss-Newton steps a level: of a candidate, of a change, of the answer
+
+    @property
+    def schedule(self) -> Schedule:
+        """As the search wants it."""
+        return Schedule(
+            starts=self.candidates,
+            kept=1,
+            sweeps=self.sweeps,
+            tries=self.tries,
+            steps=self.steps,
+            levels=tuple(range(len(self.levels) - 1)) or (0,),
+        )
 
 
 @dataclass(frozen=True)
@@ -37,6 +69,7 @@ class Refined:
     alternatives        (description, mean IoU) of other fronts and choices, best first
     certainty           how sure each parameter is
     overlap             the best mean IoU that was found, wherever it had the object stand; None where that is mean_iou
+    next_front          mean IoU of the best other front, 0 where there is none
     """
 
     params: Params
@@ -46,6 +79,7 @@ class Refined:
     alternatives: tuple[tuple[str, float], ...]
     certainty: Certainty | None = None
     overlap: float | None = None
+    next_front: float = 0.0
 
     @property
     def evidence(self) -> float:
@@ -63,33 +97,51 @@ def run(
 ) -> Refined:
     """The best state found from the fit's candidates; never worse than the best of them by IoU, unless it stands
     where the object cannot be, or is much farther from the silhouettes' hull."""
-    crops = object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views)
-    search: SilhouetteSearch = SilhouetteSearch(model, crops, options, upright=silhouettes.floor is not None)
-    states = [search.state(c.params, canonical, c.turn) for c in fitted.candidates]
-    scored = sorted(((search.iou(s), i) for i, s in enumerate(states)), reverse=True)
-    start_iou = scored[0][0]
-    polished = [search.polish(states[i]) for _, i in scored[: options.candidates]]
-    best = search.improve_choices(max(polished, key=search.iou))
+    problem = problem_of(model, poses, silhouettes, canonical, options)
+    found = solve(problem, _candidates(problem, canonical, fitted), options.schedule)
+    search, best = Search(problem, options.schedule), found.state
     overlap: float | None = None
-    if search.iou(best) < MET:
-        near = _near(model, poses, silhouettes, canonical, options)
-        if near is not None and (nearest := near.better(best)) is not best:
+    if 1 - found.loss < MET:
+        near = _near(problem, poses, silhouettes, canonical)
+        if near is not None and (nearest := near.better(best)) is not None:
             # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
-            overlap, search, best = search.iou(best), near, nearest
-    best = search.faced(best)
-    score, alternatives = search.iou(best), search.alternatives(best)
-    sure = uncertainty.run(search, best)
-    return Refined(search.params(best), Canonical(best.canonical), score, start_iou, alternatives, sure, overlap)
+            overlap, search, best = 1 - found.loss, Search(near.outlines, options.schedule), nearest
+    best = turned_round(search, best, lambda loss: (1 + NEARLY) * loss + 5e-4)
+    ranked = search.alternatives(best)
+    return Refined(
+        search.problem.params(best),
+        Canonical(search.problem.posed(best).target_from_shape),
+        1 - search.problem.loss(best),
+        1 - found.start,
+        tuple((str(move), 1 - loss) for move, loss in ranked),
+        uncertainty.run(search, best),
+        overlap,
+        max((1 - loss for move, loss in ranked if isinstance(move, Face)), default=0.0),
+    )
 
 
-def _near(
+def problem_of(
     model: Model, poses: Poses, silhouettes: Silhouettes, canonical: Canonical, options: RefineOptions
-) -> DistanceSearch | None:
+) -> Problem:
+    """Masks in windows on the object, which stands anywhere; upright where the floor is known."""
+    crops = object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views)
+    return Problem(
+        model, Masks.of(crops, options.levels), Similarity(crops.cameras, upright=silhouettes.floor is not None)
+    )
+
+
+def _candidates(problem: Problem, canonical: Canonical, fitted: FitResult) -> Iterator[State]:
+    """The fit's, each turned to its front."""
+    for c in fitted.candidates:
+        yield problem.state(c.params, canonical.world_from_canonical @ quarter_turn(c.turn), c.turn)
+
+
+def _near(problem: Problem, poses: Poses, silhouettes: Silhouettes, canonical: Canonical) -> DistanceSearch | None:
     """A search by distance, or None when the views leave no closed hull to measure from."""
     if widest_gap(poses.cameras.subset(np.flatnonzero(silhouettes.used)), canonical) > OPEN:
         return None
     try:
-        return DistanceSearch(model, poses, silhouettes, canonical, options)
+        return DistanceSearch(problem, poses, silhouettes, canonical)
     except ReconstructionError as error:
         log.info("not searched by distance: %s", error)
         return None
@@ -104,8 +156,6 @@ def quick_iou(
     options: RefineOptions = RefineOptions(),
 ) -> float:
     """Mean IoU of the fit's best candidate after one coarse polish: cheap evidence for or against a model."""
-    search = SilhouetteSearch(
-        model, object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views), options
-    )
-    best = max((search.state(c.params, canonical, c.turn) for c in fitted.candidates), key=search.iou)
-    return search.iou(search.polish(best, blurs=options.blurs[:1], steps=3))
+    problem = problem_of(model, poses, silhouettes, canonical, options)
+    best = min(_candidates(problem, canonical, fitted), key=problem.loss)
+    return 1 - problem.loss(descended(problem, best, 3, (0,)))

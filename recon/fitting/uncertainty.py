@@ -23,10 +23,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import stdtrit
 
-from procmodels.space import Params
+from recon.fitting import moves
+from recon.fitting.gauss_newton import descended
 
 if TYPE_CHECKING:
-    from recon.fitting.silhouette_search import SilhouetteSearch, State
+    from recon.fitting.problem import Problem, State
+    from recon.fitting.search import Search
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
@@ -78,20 +80,21 @@ def calibration() -> Calibration:
     return Calibration(*(float(values[f.name]) for f in fields(Calibration)))
 
 
-def run(search: SilhouetteSearch, state: State, given: Calibration | None = None) -> Certainty:
+def run(search: Search, state: State, given: Calibration | None = None) -> Certainty:
     """The certainty of a polished state; costs about a Gauss-Newton step and a polish of one rival a choice."""
     use = given or calibration()
-    scalars, params = search.scalars, search.params(state)
-    sigma = _spreads(search, state)
+    problem = search.problem
+    scalars = problem.scalars
+    sigma = _spreads(problem, state)
     intervals, spreads = {}, {}
     for scalar, unit, spread in zip(scalars, state.units, sigma, strict=True):
         reach = quantile(LEVEL, use.tail) * deviation(spread, use)
         ends = np.clip([unit - reach, unit + reach], 0, 1)
         low, high = sorted(scalar.value_from_unit(float(u)) for u in ends)
         intervals[scalar.name], spreads[scalar.name] = (float(low), float(high)), float(spread)
-    left = 1 - search.iou(state) + LEAST_LEFT
+    left = problem.loss(state) + LEAST_LEFT
     choices, gaps = {}, {}
-    for name, (value, gap) in _rivals(search, state, params).items():
+    for name, (value, gap) in _rivals(search, state).items():
         gaps[name] = gap / left
         choices[name] = Choice(chance(gaps[name], use), value, gap)
     return Certainty(intervals, choices, spreads, gaps)
@@ -113,30 +116,30 @@ def chance(gap: float, use: Calibration) -> float:
     return float(1 / (1 + np.exp(-(use.slope * np.log(max(gap, 1e-4)) + use.offset))))
 
 
-def _spreads(search: SilhouetteSearch, state: State) -> np.ndarray:
+def _spreads(problem: Problem, state: State) -> np.ndarray:
     """(n,) standard deviations of the scalars in shares of their ranges, before calibration."""
-    here, J = search.linearised(state, search.options.blurs[-1])
-    n = len(search.scalars)
+    level = problem.target.levels - 1
+    here, J = problem.residuals(state, level), problem.jacobian(state, level)
+    n = len(problem.scalars)
     # The outlines' surroundings alone say something: pixels that no change moves are no evidence.
     seen = (J != 0).any(1)
-    variance = max(float((here[seen] ** 2).sum() / max(int(seen.sum()), 1)), 1e-8)
+    variance = max(float((here[seen] ** 2).sum() / max(int(seen.sum()), 1)), 1e-8 / max(len(here), 1))
     prior = np.zeros(J.shape[1])
     prior[:n] = PRIOR
     hessian = J.T @ J / variance + np.diag(prior + 1e-9)
     return np.sqrt(np.clip(np.diag(np.linalg.inv(hessian))[:n], 0, 1 / PRIOR))
 
 
-def _rivals(search: SilhouetteSearch, state: State, params: Params) -> dict[str, tuple[Any, float]]:
-    """By discrete parameter: the other value that explains the outlines best after a short polish, and how much IoU it
+def _rivals(search: Search, state: State) -> dict[str, tuple[Any, float]]:
+    """By discrete parameter: the other value that explains the target best after a short polish, and how much loss it
     is behind (never less than 0)."""
-    score = search.iou(state)
-    near: dict[str, list[tuple[float, int, State]]] = {}
-    for i, (_, other) in enumerate(search.neighbours(state)):
-        changed = [p.name for p in search.model.space.discrete if other.discrete[p.name] != state.discrete[p.name]]
-        if changed:
-            near.setdefault(changed[0], []).append((search.iou(other), i, other))
+    problem = search.problem
+    near: dict[str, list[State]] = {}
+    for move in moves.choices(problem, state):
+        ((name, _),) = move.values
+        near.setdefault(name, []).append(move.applied(problem, state))
     out = {}
     for name, others in near.items():
-        best = search.polish(max(others)[2], blurs=search.options.blurs[-1:], steps=2)
-        out[name] = (best.discrete[name], max(0.0, score - search.iou(best)))
+        best = descended(problem, min(others, key=problem.loss), 2, (problem.target.levels - 1,))
+        out[name] = (best.choices[name], max(0.0, problem.loss(best) - problem.loss(state)))
     return out

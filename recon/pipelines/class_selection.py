@@ -15,8 +15,7 @@ from nnproc import infer
 from procmodels import Model
 from recon.fitting import network_starts, refine
 from recon.fitting.network_starts import FitOptions, FitResult
-from recon.fitting.refine import Refined
-from recon.fitting.silhouette_search import RefineOptions
+from recon.fitting.refine import Refined, RefineOptions
 from recon.geometry.visual_hull import Hull
 from recon.pipelines import checks
 from recon.scene import Canonical, InputError, Poses, Silhouettes

@@ -14,8 +14,8 @@ from recon.cameras import intrinsics
 from recon.files.pix3d_camera import read_camera
 from recon.fitting import camera_search, quality, refine, uncertainty
 from recon.fitting.camera_search import FoundView
+from recon.fitting.one_view import OneView
 from recon.fitting.quality import Verdict
-from recon.fitting.view_search import OneView
 from recon.geometry.view_geometry import guessed_K
 from recon.masks import single_mask
 from recon.masks.single_mask import Masked

@@ -1,16 +1,15 @@
 """A handful of masks of one object from unknown, unordered views: shape from the first, then a camera for each.
 
 The first mask is taken as a single image. The camera of each other mask is searched with that shape held; then shape
-and cameras take turns until the outlines of all views agree. World frame: the canonical frame.
+and cameras move together until the outlines of all views agree. World frame: the canonical frame.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import minimize
 
 from procmodels import Model
 from procmodels.space import Params
@@ -20,10 +19,10 @@ from recon.files import frames
 from recon.files.frames import FramesOptions
 from recon.files.mask_images import BadMask, read_mask
 from recon.files.photo_folder import choose
-from recon.fitting import quality, view_search
+from recon.fitting import one_view, quality
+from recon.fitting.camera_search import find_all
+from recon.fitting.one_view import OneView
 from recon.fitting.refine import Refined
-from recon.fitting.silhouette_bank import shape_bank
-from recon.fitting.view_search import CameraSearchOptions, OneView, View, ViewSearch
 from recon.geometry.view_geometry import guessed_K
 from recon.masks import single_mask
 from recon.outputs import write
@@ -39,8 +38,6 @@ from recon.system.folders import digest_of
 
 STAGES = ("masks", "search", LAST)
 FEWEST, MOST = 2, 8
-ROUNDS = 2  # of shape, then cameras
-EVALUATIONS = 60  # of the mean IoU, a round
 
 
 @dataclass(frozen=True)
@@ -103,67 +100,9 @@ def _searched(models: list[Model], masks: MaskSet, options: ImageOptions) -> Joi
     """Class and shape from the first mask, then shape and cameras from all."""
     searched = single_view.search(models, masks.views[0], options)
     model = next(m for m in models if m.name == searched.class_name)
-    joint = Joint(model, list(masks.views), searched.found.refined.params, options.search)
-    for _ in range(ROUNDS):
-        joint.improve_shape()
-        joint.improve_cameras()
-    cameras = joint.cameras(masks.shot)
-    return JointAnswer(model.name, joint.params, cameras, joint.iou(joint.params), searched.classes)
-
-
-class Joint:
-    """One shape, a camera for each mask."""
-
-    def __init__(self, model: Model, views: list[OneView], params: Params, options: CameraSearchOptions) -> None:
-        self.model, self.params = model, params
-        self.jobs = [ViewSearch(model, v, options) for v in views]
-        self.states: list[View] = []
-        bank = shape_bank(model, params, options.bank)
-        for job in self.jobs:
-            job.free[: len(model.space.scalars)] = 0  # the shape is held
-            polished = [job.climbed(job.polish(s)) for s in job.starts(bank, options.starts // 2)]
-            self.states.append(max(polished, key=job.iou))
-
-    def with_params(self, params: Params) -> list[View]:
-        """The states with another shape in the same places."""
-        scalars, discrete = self.model.space.scalars, self.model.space.discrete
-        units = np.array([s.unit_from_value(float(params[s.name])) for s in scalars])
-        return [replace(s, units=units, discrete={p.name: params[p.name] for p in discrete}) for s in self.states]
-
-    def iou(self, params: Params) -> float:
-        """Mean IoU over the views."""
-        pairs = zip(self.jobs, self.with_params(params), strict=True)
-        return float(np.mean([job.agreement(state) for job, state in pairs]))
-
-    def improve_shape(self) -> None:
-        """One discrete change at a time while it helps, then the scalars, with the cameras held."""
-        for p in self.model.space.discrete:
-            options = [{**self.params, p.name: p.grid_value(i)} for i in range(p.grid_steps)]
-            self.params = max([self.params, *options], key=self.iou)
-        scalars = self.model.space.scalars
-        start = np.array([s.unit_from_value(float(self.params[s.name])) for s in scalars])
-
-        def params(units: np.ndarray) -> Params:
-            values = {s.name: s.value_from_unit(float(u)) for s, u in zip(scalars, np.clip(units, 0, 1), strict=True)}
-            return self.model.space.validate({**self.params, **values})
-
-        if len(scalars):
-            simplex = np.vstack([start, start + np.diag(np.where(start > 0.8, -0.1, 0.1))])
-            settings = {"maxfev": EVALUATIONS, "initial_simplex": simplex}
-            found = minimize(lambda x: -self.iou(params(x)), start, method="Nelder-Mead", options=settings)
-            self.params = max((params(found.x), self.params), key=self.iou)
-        self.states = self.with_params(self.params)
-
-    def improve_cameras(self) -> None:
-        """Each camera by itself, with the shape held."""
-        self.states = [j.climbed(j.polish(s)) for j, s in zip(self.jobs, self.states, strict=True)]
-
-    def cameras(self, shot: Frames) -> Cameras:
-        """The cameras about the canonical frame."""
-        pairs = list(zip(self.jobs, self.states, strict=True))
-        K = np.stack([job.view.K for job, _ in pairs])
-        K[:, (0, 1), (0, 1)] *= np.array([s.zoom for s in self.states])[:, None]
-        return Cameras(shot.names, K, np.stack([job.pose(state) for job, state in pairs]), shot.sizes)
+    found = find_all(model, masks.views, searched.found.refined.params, options.search)
+    cameras = Cameras(masks.shot.names, found.K, found.cam_from_canonical, masks.shot.sizes)
+    return JointAnswer(model.name, found.params, cameras, found.mean_iou, searched.classes)
 
 
 def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneView], list[str]]:
@@ -219,4 +158,4 @@ def _result(
     )
 
 
-KNOWN = (*dataclasses_of(scene, view_search), MaskSet, JointAnswer)  # what results are made of
+KNOWN = (*dataclasses_of(scene, one_view), MaskSet, JointAnswer)  # what results are made of

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from procmodels import Model
 from recon.fitting.camera_search import FoundView, find, first_look
+from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
-from recon.fitting.view_search import CameraSearchOptions, OneView
 from recon.outputs.write import OutputsOptions
 from recon.pipelines.stages import Redo
 

@@ -11,9 +11,11 @@ from recon.evaluate import calibration
 from recon.evaluate.calibration import Sample
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.fitting import refine, uncertainty
-from recon.fitting.silhouette_search import RefineOptions, SilhouetteSearch
+from recon.fitting.mask_target import Masks
+from recon.fitting.problem import Problem
+from recon.fitting.refine import RefineOptions
+from recon.fitting.search import Search
 from recon.fitting.uncertainty import Calibration, chance
-from recon.geometry.object_windows import object_crops
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +29,9 @@ def scene():
 def search_of(scene, views=8):
     model, params, poses, masks, place = scene
     masks = replace(masks, used=np.arange(8) < views)
-    search = SilhouetteSearch(model, object_crops(poses.cameras, masks, place, 96), RefineOptions())
-    return search, search.state(params, place, 0)
+    options = RefineOptions(size=96)
+    problem = refine.problem_of(model, poses, masks, place, options)
+    return Search(problem, options.schedule), problem.state(params, place.world_from_canonical)
 
 
 def test_the_truth_lies_in_its_intervals_and_fewer_views_widen_them(scene):
@@ -45,8 +48,10 @@ def test_the_truth_lies_in_its_intervals_and_fewer_views_widen_them(scene):
 
 def test_what_is_not_seen_keeps_its_whole_range(scene):
     search, state = search_of(scene)
-    search.crops.valid[:] = False  # no pixel says anything
-    sure = uncertainty.run(search, state, Calibration(1.0, 0.0, 1.0, 0.0))
+    target = search.problem.target
+    nothing = Masks(target.masks, np.zeros_like(target.valid), target.looks)
+    blind = Search(Problem(search.problem.model, nothing, search.problem.placement), search.schedule)
+    sure = uncertainty.run(blind, state, Calibration(1.0, 0.0, 1.0, 0.0))
     assert all(spread == pytest.approx(12**-0.5) for spread in sure.spreads.values())
 
 

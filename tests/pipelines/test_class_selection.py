@@ -10,6 +10,7 @@ import pytest
 from nnproc.latent_fit import FitOptions as LatentOptions
 from procmodels import registry
 from recon.evaluate.data.scenes import drawn_scene, orbit
+from recon.fitting.mask_target import Level
 from recon.fitting.network_starts import Candidate, FitOptions, FitResult
 from recon.fitting.refine import Refined, RefineOptions
 from recon.geometry.visual_hull import HullOptions
@@ -136,7 +137,7 @@ def test_a_chair_is_taken_for_a_chair(chair):
         (poses, masks, place),
         hull,
         FitOptions(size=48, max_views=4, latent=latent),
-        RefineOptions(size=48, blurs=(3.0,), steps=2, candidates=1, sweeps=0),
+        RefineOptions(size=48, levels=(Level(2, blur=1),), steps=(2, 2, 2), candidates=1, sweeps=0),
         brief,
     )
     assert chosen.model.name == "chair"

@@ -13,15 +13,15 @@ from nnproc.rays import look_at_cameras
 from recon.evaluate import pix3d_dev
 from recon.evaluate.robust import knocked
 from recon.files import pix3d_camera
-from recon.fitting.camera_search import find
+from recon.fitting.camera_search import find, find_all
+from recon.fitting.one_view import CameraSearchOptions, OneView
+from recon.fitting.search import Schedule
 from recon.fitting.silhouette_bank import BankOptions, load_bank, search
-from recon.fitting.silhouette_search import RefineOptions
-from recon.fitting.view_search import CameraSearchOptions, OneView
 from recon.geometry.raster import iou, silhouettes
-from recon.geometry.view_geometry import guessed_K, touching
+from recon.geometry.view_geometry import guessed_K, seen_from, touching
 from recon.masks import single_mask
 from recon.outputs.write import OutputsOptions
-from recon.pipelines import image, mask_set, single_view
+from recon.pipelines import image, single_view
 from recon.pipelines.single_view import ImageOptions
 from recon.scene import InputError
 
@@ -32,8 +32,6 @@ SMALL = CameraSearchOptions(
     placed=20,
     starts=6,
     finals=2,
-    climbs=120,
-    fine=RefineOptions(blurs=(4.0, 1.5), steps=4, sweeps=2, tries=3),
 )
 
 
@@ -326,20 +324,17 @@ def test_nothing_is_written_for_bad_input(tmp_path):
         image.run(tmp_path / "a.png", tmp_path / "out", ImageOptions(class_name="lamp"))
 
 
-def test_masks_of_unknown_views_share_one_shape(chair, monkeypatch):
-    monkeypatch.setattr(mask_set, "EVALUATIONS", 12)
+def test_masks_of_unknown_views_share_one_shape(chair):
     K, poses = (t.numpy() for t in look_at_cameras([40, 150], [22, 15], 2.3, 40, 240))
     K[:, 0, 2] = 160
     masks = silhouettes(chair.build(CHAIR), K, poses, np.array([SIZE, SIZE]))
     views = [OneView(mask, k, True) for mask, k in zip(masks, K, strict=True)]
     few = CameraSearchOptions(
-        bank=BankOptions(elevations=(16.0,)), placed=8, starts=4, climbs=30, coarse=RefineOptions(blurs=(4.0,), steps=3)
+        bank=BankOptions(elevations=(16.0,)), placed=8, starts=4, coarse=Schedule(steps=(3, 2, 3), levels=(0, 1))
     )
-    joint = mask_set.Joint(chair, views, {**CHAIR, "width": 0.7, "back": "vbar"}, few)
-    azimuths = [job.direction(state)[0] for job, state in zip(joint.jobs, joint.states, strict=True)]
-    assert azimuths == pytest.approx([40, 150], abs=20)
-    before = joint.iou(joint.params)
-    joint.improve_shape()
-    joint.improve_cameras()
-    assert joint.params["back"] == "hbar"
-    assert joint.iou(joint.params) > before + 0.05
+    found = find_all(chair, views, {**CHAIR, "width": 0.7, "back": "vbar"}, few)
+    seen = [seen_from(p[:3, :3], p[:3, 3])[0] for p in found.cam_from_canonical]
+    assert seen == pytest.approx([40, 150], abs=5)
+    assert found.params["back"] == "hbar"
+    assert found.mean_iou > 0.93
+    np.testing.assert_array_equal(found.K, K)

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from procmodels.shape import Part, Shape
 from recon.evaluate.metrics import chamfer
 from recon.files.recognise import Kind
-from recon.fitting.chamfer_residuals import Body, Score
+from recon.fitting.problem import Posed
 from recon.fitting.shape_fit import ShapeFit
 from recon.fitting.shape_fit import run as fit_shape
+from recon.fitting.surface_target import Surface
+from recon.geometry.triangles import Triangles
 from recon.scene import Canonical, InputError
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions, Target, grids_of, hypotheses
@@ -20,6 +23,16 @@ from run_recon import main
 from tests.results import assert_opens
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}
+
+
+STEPS = (0.01, 0.02, 0.04)
+
+
+def distance(points, box, count, mesh=None, move=None):
+    """Chamfer distance of a mesh, moved, to points or the mesh that they are of."""
+    part = Part("box", np.asarray(box.vertices), tuple(map(tuple, box.faces.tolist())))
+    posed = Posed(Shape((part,)), np.eye(4) if move is None else move, np.zeros((0, 4, 4)), np.zeros((0, 3, 3)))
+    return Surface(points, (count,), mesh).loss(posed)
 
 
 def box_points(rng, n, size, low=(0, 0, 0)):
@@ -128,19 +141,14 @@ def test_inverted_faces_change_nothing(tmp_path):
     box = trimesh.creation.box((1, 2, 3))
     trimesh.Trimesh(box.vertices, box.faces[:, ::-1], process=False).export(tmp_path / "b.obj")
     target = shape_target.run(tmp_path / "b.obj", Kind.MESH, "a mesh", ShapeOptions(samples=2000))
-    score = Score(target.points, 500)
-    box.export(tmp_path / "a.obj")
-    assert score(Body(np.asarray(box.triangles, float))) < 0.02
+    assert distance(target.points, box, 500) < 0.02
 
 
 def test_the_score_is_a_chamfer_distance_that_moves_smoothly(rng):
-    box = Body(np.asarray(trimesh.creation.box((1, 0.6, 0.8)).triangles, float))
-    points = box_points(rng, 4000, (1, 0.6, 0.8), low=(-0.5, -0.3, -0.4))
-    score = Score(points, 1000, surface=box)
-    assert score(box) < 1e-10
-    shifted = [
-        score(box, np.array([(1, 0, 0, x), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)])) for x in (0.01, 0.02, 0.04)
-    ]
+    box = trimesh.creation.box((1, 0.6, 0.8))
+    points, mesh = box_points(rng, 4000, (1, 0.6, 0.8), low=(-0.5, -0.3, -0.4)), Triangles(np.asarray(box.triangles))
+    assert distance(points, box, 1000, mesh) < 1e-10
+    shifted = [distance(points, box, 1000, mesh, trimesh.transformations.translation_matrix((x, 0, 0))) for x in STEPS]
     assert shifted[0] < shifted[1] < shifted[2]
     np.testing.assert_allclose(shifted[2] / shifted[1], 4, rtol=0.2)
 

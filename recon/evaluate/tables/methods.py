@@ -26,8 +26,8 @@ from procmodels import Model
 from procmodels.space import Params
 from recon.evaluate.data.held_out import STRIDE, Case, cameras, known_shapes, masks, operator
 from recon.evaluate.metrics import chamfer
-from recon.fitting import exact_fit
-from recon.fitting.exact_targets import GridTarget, MaskTarget
+from recon.fitting import known_place
+from recon.fitting.problem import Problem
 
 PAPER_GRID = replace(PAPER, steps=1000)  # Task 3 (REFERENCE: 1,000 steps)
 EVALUATIONS = 100  # of the baseline, as in the paper
@@ -91,7 +91,8 @@ def search_grid(bench: Bench, case: Case) -> Params:
 def refined_grid(bench: Bench, case: Case) -> Params:
     """Task 3, ours, then the exact model against the grid."""
     found, nearest = _grid_answers(bench, case)
-    return exact_fit.run(bench.model, GridTarget(case.grid), [*found, *nearest]).params
+    problem = known_place.in_grid(bench.model, case.grid)
+    return problem.params(known_place.run(problem, [*found, *nearest]).state)
 
 
 def paper_grid(bench: Bench, case: Case) -> Params:
@@ -110,15 +111,16 @@ def refined_masks(what: str) -> Method:
 
     def found(bench: Bench, case: Case) -> Params:
         answers, nearest = _mask_answers(bench, case, what)
-        return exact_fit.run(bench.model, mask_target(case, what), [*answers, *nearest]).params
+        problem = mask_problem(bench.model, case, what)
+        return problem.params(known_place.run(problem, [*answers, *nearest]).state)
 
     return found
 
 
-def mask_target(case: Case, what: str) -> MaskTarget:
+def mask_problem(model: Model, case: Case, what: str) -> Problem:
     """The exact masks of a shape in "paper" or "spread" cameras."""
     K, cam_from_canonical = (c.numpy() for c in cameras(what))
-    return MaskTarget(masks(case.shape, what).numpy() > 0.5, K, cam_from_canonical)
+    return known_place.in_masks(model, masks(case.shape, what).numpy() > 0.5, K, cam_from_canonical)
 
 
 def paper_masks(what: str) -> Method:

@@ -24,8 +24,8 @@ from recon.evaluate.pix3d_dev import redrawn
 from recon.files.recognise import Kind
 from recon.fitting import shape_fit
 from recon.fitting.camera_search import find
+from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
-from recon.fitting.view_search import CameraSearchOptions, OneView
 from recon.geometry.raster import iou
 from recon.geometry.view_geometry import guessed_K
 from recon.shapes import shape_target

@@ -25,8 +25,9 @@ from procmodels import Model, load
 from procmodels.space import Params
 from recon.evaluate.data.held_out import Case, cases
 from recon.evaluate.metrics import chamfer, d_voxel
-from recon.evaluate.tables.methods import METHODS, Bench, Method, mask_target
+from recon.evaluate.tables.methods import METHODS, Bench, Method, mask_problem
 from recon.evaluate.tables.table1_rows import GRIDS, Table1Row
+from recon.fitting import known_place
 
 TASKS = ("1", *METHODS)
 SHORT = "same budget"  # our full loss, trained as briefly as the ablations
@@ -159,10 +160,12 @@ def _visible_right(model: Model, task: str, found: list[Params], held_out: list[
     more than some ten pixels; None when there are none."""
     right = []
     for params, case in zip(found, held_out, strict=True):
-        target = mask_target(case, task.removeprefix("4 "))
+        problem = mask_problem(model, case, task.removeprefix("4 "))
+        good, _ = known_place.losses(problem)
         for p in model.space.discrete:
             others = {p.grid_value(i) for i in range(p.grid_steps)} - {case.params[p.name]}
-            if min(target.loss(model.build({**case.params, p.name: value})) for value in others) > target.good:
+            states = [problem.state({**case.params, p.name: value}, np.zeros(0)) for value in others]
+            if min(map(problem.loss, states)) > good:
                 right.append(params[p.name] == case.params[p.name])
     return float(np.mean(right)) if right else None
 

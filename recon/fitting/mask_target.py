@@ -1,0 +1,104 @@
+"""Masks in windows as a target: shares of pixels, coarse to fine, and the overlap that decides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from recon.fitting.problem import Posed
+from recon.geometry.object_windows import Crops
+from recon.geometry.raster import coverage, coverage_slopes, silhouettes
+
+
+@dataclass(frozen=True)
+class Level:
+    """How finely outlines are compared.
+
+    shrink  pixels of a window, along each side, whose mean is one pixel here: exact shares make that a blur for free
+    blur    times that a box of 3 x 3 of these pixels goes over the differences: a leg that missed its place by more
+            than its own width must still feel it
+    """
+
+    shrink: int
+    blur: int = 0
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    """Windows at a level: shares that are object, how much of a pixel is known (V, H, W) float32, and its lens."""
+
+    masks: np.ndarray
+    known: np.ndarray
+    lens_from_window: np.ndarray  # (3, 3)
+    sizes: np.ndarray
+
+
+class Masks:
+    """V windows of one size, in the order of the placement's views.
+
+    masks   (V, H, W) float32, share of a window's pixel that is object
+    valid   (V, H, W) bool, False where nothing is known
+    """
+
+    usual = 1e-4
+
+    def __init__(self, masks: np.ndarray, valid: np.ndarray, levels: Sequence[Level]) -> None:
+        self.masks, self.valid, self.looks = masks.astype(np.float32), valid, tuple(levels)
+        self.levels = len(self.looks)
+        self.hard = (masks >= 0.5) & valid
+        self.sizes = np.tile(masks.shape[:0:-1], (len(masks), 1))
+        # Differing pixels are counted over the images, the loss over the object.
+        self.weight = float(max(self.hard.mean(), 1e-6))
+        self._scaled = [self._shrunk(look.shrink) for look in self.looks]
+
+    @staticmethod
+    def of(crops: Crops, levels: Sequence[Level]) -> Masks:
+        """The masks of windows on an object."""
+        return Masks(crops.masks, crops.valid, levels)
+
+    def _shrunk(self, shrink: int) -> _Scaled:
+        width, height = self.sizes[0]
+        small = max(1, round(width / shrink)), max(1, round(height / shrink))
+        lens = np.diag([small[0] / width, small[1] / height, 1])
+        valid = self.valid.astype(np.float32)
+        known = [cv2.resize(v, small, interpolation=cv2.INTER_AREA) for v in valid]
+        object_ = [cv2.resize(m, small, interpolation=cv2.INTER_AREA) for m in self.masks * valid]
+        shares = [o / np.maximum(k, 1e-6) for o, k in zip(object_, known, strict=True)]
+        return _Scaled(np.stack(shares), np.stack(known), lens, np.tile(small, (len(valid), 1)))
+
+    def residuals(self, posed: Posed, level: int, at: Posed | None = None) -> np.ndarray:
+        """(pixels,) differences of covered shares, whose squares sum to their mean over pixels."""
+        scaled = self._scaled[level]
+        drawn = coverage(posed.shape, scaled.lens_from_window @ posed.K, posed.cam_from_shape, scaled.sizes)
+        return self._weighed(np.stack(drawn) - scaled.masks, level).ravel()
+
+    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
+        """(pixels, k) float32 derivatives by vertices that move by velocities (n, 3, k) or (V, n, 3, k)."""
+        scaled = self._scaled[level]
+        K = scaled.lens_from_window @ posed.K
+        _, slopes = coverage_slopes(posed.shape, K, posed.cam_from_shape, scaled.sizes)
+        out = np.zeros((scaled.masks.size, velocities.shape[-1]), np.float32)
+        out[slopes.pixels] = slopes.along(velocities)
+        return self._weighed(out.reshape(*scaled.masks.shape, -1), level).reshape(out.shape)
+
+    def _weighed(self, images: np.ndarray, level: int) -> np.ndarray:
+        """(V, H, W, ...) blurred, where something is known."""
+        scaled = self._scaled[level]
+        weights = scaled.known / np.float32(np.sqrt(scaled.known.size))
+        images = images * (weights if images.ndim == 3 else weights[..., None])
+        for _ in range(self.looks[level].blur):
+            images = np.stack([cv2.blur(image, (3, 3)).reshape(image.shape) for image in images])
+        return images
+
+    def loss(self, posed: Posed) -> float:
+        """1 - mean IoU over the views."""
+        return 1 - float(self.ious(posed).mean())
+
+    def ious(self, posed: Posed) -> np.ndarray:
+        """(V,) intersection over union, where something is known; 1 where nothing is to be seen and nothing is."""
+        drawn = np.stack(silhouettes(posed.shape, posed.K, posed.cam_from_shape, self.sizes)) & self.valid
+        both, either = (drawn & self.hard).sum((1, 2)), (drawn | self.hard).sum((1, 2))
+        return np.where(either > 0, both / np.maximum(either, 1), 1.0)

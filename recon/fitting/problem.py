@@ -1,0 +1,274 @@
+"""What is fitted: a procedural model, a target that its shapes are compared with, and where the shape may stand.
+
+A target (masks, a hull, a surface, a voxel grid) and a placement (fixed, standing, a similarity, cameras) do not know
+of each other; a problem asks the placement where a state's shape stands and the target how far that is from it.
+Derivatives are exact: the target says what the motion of every vertex does, and vertices move by finite differences of
+builds, which cost a millisecond each and no drawing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from procmodels import Model
+from procmodels.shape import Shape
+from procmodels.space import Params
+from recon.fitting.usual import Usual
+
+STEP = 2e-3  # of a scalar's range: what its finite difference of builds is taken over
+KEPT = 400  # shapes
+
+
+@dataclass(frozen=True)
+class State:
+    """A candidate answer.
+
+    units    (n,) scalars as shares of their ranges
+    choices  integers, choices and flags
+    place    the placement's numbers
+    front    which of the ways to stand and face
+    """
+
+    units: np.ndarray
+    choices: Params
+    place: np.ndarray
+    front: int = 0
+
+    @property
+    def shape_key(self) -> tuple:
+        return (self.units.tobytes(), *self.choices.values())
+
+    @property
+    def key(self) -> tuple:
+        return (*self.shape_key, self.place.tobytes(), self.front)
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A shape in its place.
+
+    target_from_shape  (4, 4) similarity to the frame of the target
+    cam_from_shape     (V, 4, 4) rigid, in canonical units; K (V, 3, 3) pixels; both empty where there are no views
+    """
+
+    shape: Shape
+    target_from_shape: np.ndarray
+    cam_from_shape: np.ndarray
+    K: np.ndarray
+
+    def in_target(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) points of the shape's frame in the target's."""
+        return points @ self.target_from_shape[:3, :3].T + self.target_from_shape[:3, 3]
+
+
+class Target(Protocol):
+    """What shapes are compared with, coarsely (level 0) to finely.
+
+    weight  squares of residuals that one unit of loss is worth
+    usual   loss that a parameter one spread off its usual value may cost: enough to decide what is not to be seen
+    """
+
+    levels: int
+    weight: float
+    usual: float
+
+    def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
+        """(m,); `at` is the state that derivatives were taken at, where residuals are laid out on its surface."""
+
+    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
+        """(m, k) derivatives of the residuals at `posed` itself, by motions (n, 3, k) of its vertices, in its frame."""
+
+    def loss(self, posed: Posed) -> float:
+        """What decides between states, 0 at best."""
+
+
+class Placement(Protocol):
+    """Where a shape may stand. `free` (k,) bool says which of its k numbers may move, `fronts` how many there are."""
+
+    @property
+    def free(self) -> np.ndarray: ...
+    @property
+    def fronts(self) -> int: ...
+
+    def posed(self, shape: Shape, place: np.ndarray, front: int) -> Posed: ...
+
+    def moved(self, place: np.ndarray, delta: np.ndarray) -> np.ndarray:
+        """The place moved by (k,)."""
+
+    def velocities(self, posed: Posed, place: np.ndarray) -> np.ndarray:
+        """(n, 3, k), or (V, n, 3, k) view by view: how `moved` moves the vertices, in the shape's frame."""
+
+    def turned(self, place: np.ndarray, front: int, to: int) -> np.ndarray:
+        """The place when the shape faces another way."""
+
+    def half_turn(self, front: int) -> int | None:
+        """The front that looks the other way."""
+
+    def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
+        """(r,) roots of what an unusual place costs, in units of the loss."""
+
+
+class Problem:
+    """A model to be fitted to a target. What was built and compared is kept."""
+
+    def __init__(self, model: Model, target: Target, placement: Placement, held: bool = False) -> None:
+        """`held`: the shape is known, its place alone is sought."""
+        self.shape_held = held
+        self.model, self.target, self.placement = model, target, placement
+        self.scalars = model.space.scalars
+        self.usual = Usual(model.space)
+        self.builds = 0
+        self._shapes: dict[tuple, Shape] = {}
+        self._losses: dict[tuple, float] = {}
+
+    # States
+
+    def state(self, params: Mapping[str, Any], place: np.ndarray, front: int = 0) -> State:
+        """A start."""
+        return self._of(self.model.space.held(params), place, front)
+
+    def _of(self, params: Mapping[str, Any], place: np.ndarray, front: int) -> State:
+        units = np.array([np.clip(s.unit_from_value(float(params[s.name])), 0, 1) for s in self.scalars])
+        return State(units, {p.name: params[p.name] for p in self.model.space.discrete}, place, front)
+
+    def held(self, state: State) -> State:
+        """The state with what does nothing at its usual values, so that each shape is one state."""
+        space = self.model.space
+        if not space.conditional:
+            return state
+        values = self._values(state)
+        active = space.active(values)
+        if all(p.name in active or values[p.name] == p.usual_value() for p in space.parameters):
+            return state
+        return self._of(space.held(values), state.place, state.front)
+
+    def params(self, state: State) -> Params:
+        """Parameter values in the space's order."""
+        return self.model.space.validate(self._values(state))
+
+    def _values(self, state: State) -> Params:
+        values = {s.name: s.value_from_unit(float(u)) for s, u in zip(self.scalars, state.units, strict=True)}
+        return {**values, **state.choices}
+
+    def active(self, state: State) -> frozenset[str]:
+        """Names of the parameters that do something."""
+        return self.model.space.active(self._values(state))
+
+    def movable(self, state: State) -> np.ndarray:
+        """(n,) bool: the scalars that do something, unless the shape is held."""
+        if self.shape_held or not self.model.space.conditional:
+            return np.full(len(self.scalars), not self.shape_held)
+        active = self.active(state)
+        return np.array([s.name in active for s in self.scalars], bool)
+
+    def free(self, state: State) -> np.ndarray:
+        """(n + k,) bool: what may move."""
+        return np.concatenate([self.movable(state), self.placement.free])
+
+    def moved(self, state: State, delta: np.ndarray) -> State:
+        """The state moved by (n + k,): scalars by shares of their ranges, then the place."""
+        n = len(self.scalars)
+        units = np.clip(state.units + delta[:n], 0, 1)
+        place = self.placement.moved(state.place, delta[n:]) if delta[n:].any() else state.place
+        return self.held(replace(state, units=units, place=place))
+
+    def shape(self, state: State) -> Shape:
+        """The state's shape; many states differ in their places alone."""
+        if state.shape_key not in self._shapes:
+            if len(self._shapes) > KEPT:
+                self._shapes.clear()
+            self._shapes[state.shape_key] = self.model.build(self.params(state))
+            self.builds += 1
+        return self._shapes[state.shape_key]
+
+    def posed(self, state: State) -> Posed:
+        """The state's shape in its place."""
+        return self.placement.posed(self.shape(state), state.place, state.front)
+
+    # How far they are from the target
+
+    def loss(self, state: State) -> float:
+        """What decides between states: the target's loss and what unusual places cost."""
+        if state.key not in self._losses:
+            posed = self.posed(state)
+            unusual = float(np.square(self._priors(posed, state)).sum())
+            unusual += self.target.usual * self.usual.rarity(state.choices)
+            self._losses[state.key] = self.target.loss(posed) + unusual
+        return self._losses[state.key]
+
+    def residuals(self, state: State, level: int, at: State | None = None) -> np.ndarray:
+        """(m,) whose squares a polish lowers; `at` is the state whose derivatives led here."""
+        posed = self.posed(state)
+        met = self.target.residuals(posed, level, posed if at is None else self.posed(at))
+        return np.concatenate([met, np.sqrt(self.target.weight) * self._priors(posed, state)])
+
+    def smooth(self, state: State, level: int) -> float:
+        """Sum of squared residuals."""
+        return float(np.square(self.residuals(state, level)).sum())
+
+    def jacobian(self, state: State, level: int) -> np.ndarray:
+        """(m, n + k) derivatives of the residuals at a state, 0 for what is held."""
+        posed, free = self.posed(state), self.free(state)
+        nearby = self.nearby(state, posed)
+        met = self.target.jacobian(posed, level, self.velocities(state, posed, nearby) * free)
+        return np.concatenate([met, np.sqrt(self.target.weight) * self._prior_slopes(state, posed, nearby)])
+
+    def nearby(self, state: State, posed: Posed) -> dict[int, tuple[float, Posed]]:
+        """By number of a scalar that does something: a small step of it and the shape there."""
+        near = {int(i): self._near(state, posed, int(i)) for i in np.flatnonzero(self.movable(state))}
+        return {i: found for i, found in near.items() if found is not None}
+
+    def _near(self, state: State, posed: Posed, i: int) -> tuple[float, Posed] | None:
+        """A step of scalar i and the shape there, made of the same vertices; None when there is none either way."""
+        steps = (-STEP, STEP) if state.units[i] > 0.5 else (STEP, -STEP)
+        for step in steps:
+            if 0 <= state.units[i] + step <= 1:
+                there = self.posed(self.moved(state, step * np.eye(len(state.units) + len(self.placement.free))[i]))
+                if _alike(posed.shape, there.shape):
+                    return step, there
+        return None
+
+    def velocities(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
+        """(vertices, 3, n + k), or view by view: how they move with each number of the state, in the shape's frame."""
+        vertices = posed.shape.vertices()
+        scalars = np.zeros((*vertices.shape, len(state.units)))
+        for i, (step, there) in nearby.items():
+            after = there.shape.vertices()
+            if there.target_from_shape is not posed.target_from_shape:
+                back = np.linalg.inv(posed.target_from_shape) @ there.target_from_shape
+                after = after @ back[:3, :3].T + back[:3, 3]
+            scalars[..., i] = (after - vertices) / step
+        place = self.placement.velocities(posed, state.place)
+        if place.ndim == 4:
+            scalars = np.broadcast_to(scalars, (len(place), *scalars.shape))
+        return np.concatenate([scalars, place], -1)
+
+    def _priors(self, posed: Posed, state: State) -> np.ndarray:
+        """Roots of what an unusual place and unusual scalars cost; a scalar that does nothing is at its usual value."""
+        off = np.sqrt(self.target.usual) * self.usual.deviations(state.units)
+        return np.concatenate([self.placement.priors(posed, state.place), off])
+
+    def _prior_slopes(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
+        """(r, n + k) derivatives of the priors: of places by finite differences, which need no drawing."""
+        priors, n, k = self.placement.priors, len(state.units), len(self.placement.free)
+        here = priors(posed, state.place)
+        out = np.zeros((len(here), n + k))
+        for i, (step, there) in nearby.items() if len(here) else ():
+            out[:, i] = (priors(there, state.place) - here) / step
+        for i in np.flatnonzero(self.placement.free) if len(here) else ():
+            place = self.placement.moved(state.place, 1e-5 * np.eye(k)[i])
+            moved = self.placement.posed(posed.shape, place, state.front)
+            out[:, n + i] = (priors(moved, place) - here) / 1e-5
+        off = np.sqrt(self.target.usual) * self.usual.slopes * self.movable(state)
+        return np.concatenate([out, np.pad(off, ((0, 0), (0, k)))])
+
+
+def _alike(a: Shape, b: Shape) -> bool:
+    """Whether two shapes are made of the same parts with the same faces."""
+    return len(a.parts) == len(b.parts) and all(
+        len(p.vertices) == len(q.vertices) and p.faces == q.faces for p, q in zip(a.parts, b.parts, strict=True)
+    )
