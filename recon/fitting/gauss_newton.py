@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
+from recon.fitting.state import State
 
 LONGEST = 0.25  # of a scalar's range, canonical units or radians: the longest step
 DAMPED = 1e-2  # share of the Hessian's diagonal that is added at first

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from skimage.measure import marching_cubes
 
-from recon.fitting.problem import Posed
+from recon.fitting.state import Posed
 from recon.fitting.surface_target import OnSurface, Surfaces
 from recon.geometry.object_windows import Crops
 from recon.geometry.outlines import end_gradients, outlines

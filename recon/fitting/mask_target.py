@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from recon.fitting.problem import Posed
+from recon.fitting.state import Posed
 from recon.geometry.object_windows import Crops
 from recon.geometry.raster import coverage, coverage_slopes, silhouettes
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from datasets.voxels import surface_grid
 from procmodels.shape import Shape
-from recon.fitting.problem import Posed
+from recon.fitting.state import Posed
 from recon.geometry.triangles import Places, Triangles, area_slopes
 
 HINT = 0.05  # of squared distances within the gaps of a sparse cloud: nothing is flat

@@ -27,8 +27,9 @@ from recon.fitting import moves
 from recon.fitting.gauss_newton import descended
 
 if TYPE_CHECKING:
-    from recon.fitting.problem import Problem, State
+    from recon.fitting.problem import Problem
     from recon.fitting.search import Search
+    from recon.fitting.state import State
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals

@@ -17,8 +17,9 @@ from recon.fitting.gauss_newton import descended, polish
 from recon.fitting.hull_target import Hull
 from recon.fitting.mask_target import Level, Masks
 from recon.fitting.placement import Fixed, Similarity, Standing, Upright, yaw
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, Search, solve
+from recon.fitting.state import State
 from recon.fitting.surface_target import Surface, VoxelGrid
 from recon.geometry.object_windows import Crops, object_crops
 from recon.geometry.raster import coverage, coverage_slopes
