@@ -17,7 +17,7 @@ import numpy as np
 from procmodels import Model
 from procmodels.shape import Shape
 from procmodels.space import Params
-from recon.fitting.state import Placement, Posed, State, Target
+from recon.fitting.state import Jacobian, Placement, Posed, State, Target
 from recon.fitting.usual import Usual
 
 STEP = 2e-3  # of a scalar's range: what its finite difference of builds is taken over
@@ -123,15 +123,20 @@ class Problem:
         """Sum of squared residuals."""
         return float(np.square(self.residuals(state, level)).sum())
 
-    def jacobian(self, state: State, level: int) -> np.ndarray:
-        """(m, n + k) derivatives of the residuals at a state, 0 for what is held."""
+    def linearised(self, state: State, level: int) -> tuple[np.ndarray, Jacobian]:
+        """The residuals (m,) of a state and their derivatives by the n + k numbers of `moved`, 0 for what is held."""
         posed, free = self.posed(state), self.free(state)
         nearby = self.nearby(state, posed)
-        met = self.target.jacobian(posed, level, self.velocities(state, posed, nearby) * free)
-        for i in np.flatnonzero(self.movable(state)):
-            if i not in nearby:
-                met[:, i] = self._drawn_slope(state, posed, int(i), level)
-        return np.concatenate([met, np.sqrt(self.target.weight) * self._prior_slopes(state, posed, nearby)])
+        met, J = self.target.linearised(posed, level, self.velocities(state, posed, nearby) * free)
+        if unseen := [int(i) for i in np.flatnonzero(self.movable(state)) if i not in nearby]:
+            J = Jacobian.of(J.dense())
+            for i in unseen:
+                J.block[:, i] = self._drawn_slope(state, posed, i, level)
+        root = np.sqrt(self.target.weight)
+        unusual, slopes = root * self._priors(posed, state), root * self._prior_slopes(state, posed, nearby)
+        m, more = len(met), len(unusual)
+        rows = np.concatenate([J.rows, m + np.arange(more)])
+        return np.concatenate([met, unusual]), Jacobian(m + more, rows, np.concatenate([J.block, slopes]))
 
     def _drawn_slope(self, state: State, posed: Posed, i: int, level: int) -> np.ndarray:
         """(m,) derivative by a scalar whose least step makes other parts, as one of no height does: by differences of

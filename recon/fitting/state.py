@@ -53,6 +53,26 @@ class Posed:
         return points @ self.target_from_shape[:3, :3].T + self.target_from_shape[:3, 3]
 
 
+@dataclass(frozen=True)
+class Jacobian:
+    """Derivatives of m residuals, most of which may not change at all: (p, k) of the residuals `rows` (p,) int."""
+
+    m: int
+    rows: np.ndarray
+    block: np.ndarray
+
+    @staticmethod
+    def of(dense: np.ndarray) -> Jacobian:
+        """Of (m, k) derivatives of which few are 0."""
+        return Jacobian(len(dense), np.arange(len(dense)), dense)
+
+    def dense(self) -> np.ndarray:
+        """(m, k)."""
+        out = np.zeros((self.m, self.block.shape[1]), self.block.dtype)
+        out[self.rows] = self.block
+        return out
+
+
 class Target(Protocol):
     """What shapes are compared with, coarsely (level 0) to finely.
 
@@ -67,8 +87,8 @@ class Target(Protocol):
     def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
         """(m,); `at` is the state that derivatives were taken at, where residuals are laid out on its surface."""
 
-    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
-        """(m, k) derivatives of the residuals at `posed` itself, by motions (n, 3, k) of its vertices, in its frame."""
+    def linearised(self, posed: Posed, level: int, velocities: np.ndarray) -> tuple[np.ndarray, Jacobian]:
+        """(m,) residuals at `posed` itself and their derivatives by motions (n, 3, k) of its vertices, in its frame."""
 
     def loss(self, posed: Posed) -> float:
         """What decides between states, 0 at best."""
