@@ -16,9 +16,10 @@ from recon.fitting import shape_fit
 from recon.fitting.hull_target import Hull
 from recon.fitting.mask_target import Masks
 from recon.fitting.placement import Standing
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, solve
 from recon.fitting.shape_fit import ShapeFitOptions
+from recon.fitting.state import State
 from recon.geometry.object_windows import Crops, object_crops
 from recon.scene import Cameras, Canonical, Poses, Silhouettes
 from recon.shapes import shape_target

@@ -17,10 +17,10 @@ from procmodels.space import Params
 from recon.fitting import uncertainty
 from recon.fitting.moves import Face
 from recon.fitting.one_view import CameraSearchOptions, OneView, ViewProblem, distinct, problem_of, starts
-from recon.fitting.problem import State
 from recon.fitting.refine import NEARLY, Refined
 from recon.fitting.search import Search, turned_round
 from recon.fitting.silhouette_bank import Bank, shape_bank
+from recon.fitting.state import State
 from recon.scene import Canonical
 
 ELSEWHERE = 40.0  # degrees: another camera so far round has another front before it
@@ -53,7 +53,8 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     coarse, fine = Search(problem, options.coarse), Search(problem, options.fine)
     begun = starts(problem, bank, options, options.starts)
     polished = distinct(problem, [coarse.step(s, options.coarse.steps[0]) for s in begun], options.finals, 2)
-    finals = sorted((fine.finished(fine.improved(s)) for s in polished), key=problem.loss)
+    improved = fine.ranked(fine.improved(s) for s in polished)
+    finals = fine.ranked([*map(fine.finished, improved[: options.finished]), *improved[options.finished :]])
     best = turned_round(fine, finals[0], lambda loss: (1 + NEARLY) * loss + 5e-4)
     ranked = [(move, problem.agreement(s)) for move, s in fine.polished_neighbours(best)]
     others = _elsewhere(problem, best, finals[1:])

@@ -11,7 +11,7 @@ from procmodels.shape import Shape
 from recon.fitting import camera_priors
 from recon.fitting.camera_priors import PriorOptions
 from recon.fitting.placement import moved_frame, rigid_velocities, yaw
-from recon.fitting.problem import Posed
+from recon.fitting.state import Posed
 from recon.geometry.view_geometry import seen_from
 from recon.scene import Cameras as Views
 

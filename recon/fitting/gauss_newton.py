@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
+from recon.fitting.state import State
 
 LONGEST = 0.25  # of a scalar's range, canonical units or radians: the longest step
 DAMPED = 1e-2  # share of the Hessian's diagonal that is added at first
@@ -19,9 +20,8 @@ def polish(problem: Problem, state: State, level: int, steps: int) -> State:
     """The state after at most so many steps at a level of the target; its residuals' squares never grow."""
     damping, n = DAMPED, len(state.units)
     for _ in range(steps if problem.free(state).any() else 0):
-        here = problem.residuals(state, level)
-        J = problem.jacobian(state, level)
-        hessian, gradient, loss = J.T @ J, J.T @ here, float(here @ here)
+        here, J = problem.linearised(state, level)
+        hessian, gradient, loss = J.block.T @ J.block, J.block.T @ here[J.rows], float(here @ here)
         free = problem.free(state) & (np.diag(hessian) > 0)
         # Scalars at an end of their ranges that want to leave it are held.
         free[:n] &= ~(((state.units <= 0) & (gradient[:n] > 0)) | ((state.units >= 1) & (gradient[:n] < 0)))
@@ -68,7 +68,7 @@ def settled(problem: Problem, state: State, sizes: Sequence[float], rounds: int 
     if loss <= 0 or not sizes or not problem.free(state).any():
         return state
     free = np.flatnonzero(problem.free(state))
-    J = problem.jacobian(state, problem.target.levels - 1)[:, free]
+    J = problem.linearised(state, problem.target.levels - 1)[1].block[:, free]
     values, vectors = np.linalg.eigh(J.T @ J + 1e-4 * problem.target.weight * np.eye(len(free)))
     directions = np.zeros((len(free), len(problem.free(state))))
     directions[:, free] = vectors.T

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from skimage.measure import marching_cubes
 
-from recon.fitting.problem import Posed
+from recon.fitting.state import Jacobian, Posed
 from recon.fitting.surface_target import OnSurface, Surfaces
 from recon.geometry.object_windows import Crops
 from recon.geometry.outlines import end_gradients, outlines
@@ -136,8 +136,8 @@ class Hull:
         """World to the hull's frame."""
         return points @ self.box_from_world[:3, :3].T + self.box_from_world[:3, 3]
 
-    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals."""
+    def linearised(self, posed: Posed, level: int, velocities: np.ndarray) -> tuple[np.ndarray, Jacobian]:
+        """The residuals and their derivatives."""
         shape = OnSurface(self._surfaces, posed, posed, self.places)
         places = self._in_box(shape.points)
         where, inside = self._cell(places)
@@ -148,12 +148,17 @@ class Hull:
         way = away @ self.box_from_world[:3, :3] @ shape.turn * (far > 0) * shape.shares()[:, None]
         out = shape.speeds(shape.places, way, velocities)
         out += far * shape.share_slopes(velocities)
-        return np.concatenate([out, self._empty_slopes(posed, velocities) / np.sqrt(len(self.points))])
-
-    def _empty_slopes(self, posed: Posed, velocities: np.ndarray) -> np.ndarray:
-        """(points, k): a point's distance shrinks as the nearest place on the outlines comes nearer."""
         drawn = np.stack(silhouettes(posed.shape, posed.K, posed.cam_from_shape, self.sizes))
         distance, worst = self.left_empty(drawn)
+        root = np.sqrt(len(self.points))
+        here = np.concatenate([far[:, 0] * shape.shares(), distance / root])
+        empty = self._empty_slopes(posed, velocities, distance, worst) / root
+        return here, Jacobian.of(np.concatenate([out, empty]))
+
+    def _empty_slopes(
+        self, posed: Posed, velocities: np.ndarray, distance: np.ndarray, worst: np.ndarray
+    ) -> np.ndarray:
+        """(points, k): a point's distance shrinks as the nearest place on the outlines comes nearer."""
         found = outlines(posed.shape, posed.K, posed.cam_from_shape)
         some = np.flatnonzero((distance > 0) & np.isin(worst, found.view))
         edge, share, away = np.zeros(len(some), int), np.zeros(len(some)), np.zeros((len(some), 2))

@@ -17,8 +17,9 @@ from procmodels import Model
 from procmodels.space import Params
 from recon.fitting.mask_target import Level, Masks
 from recon.fitting.placement import Fixed
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, Solution, solve
+from recon.fitting.state import State
 from recon.fitting.surface_target import VoxelGrid
 from recon.fitting.undecided import centred, likely
 from recon.scene import Cameras

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from recon.fitting.problem import Posed
+from recon.fitting.state import Jacobian, Posed
 from recon.geometry.object_windows import Crops
 from recon.geometry.raster import coverage, coverage_slopes, silhouettes
 
@@ -28,10 +28,10 @@ class Level:
 
 @dataclass(frozen=True)
 class _Scaled:
-    """Windows at a level: shares that are object, how much of a pixel is known (V, H, W) float32, and its lens."""
+    """Windows at a level: shares that are object and weights of pixels (V, H, W) float32, and the lens."""
 
     masks: np.ndarray
-    known: np.ndarray
+    weights: np.ndarray
     lens_from_window: np.ndarray  # (3, 3)
     sizes: np.ndarray
 
@@ -67,28 +67,33 @@ class Masks:
         known = [cv2.resize(v, small, interpolation=cv2.INTER_AREA) for v in valid]
         object_ = [cv2.resize(m, small, interpolation=cv2.INTER_AREA) for m in self.masks * valid]
         shares = [o / np.maximum(k, 1e-6) for o, k in zip(object_, known, strict=True)]
-        return _Scaled(np.stack(shares), np.stack(known), lens, np.tile(small, (len(valid), 1)))
+        weights = np.stack(known) / np.float32(np.sqrt(np.size(known)))
+        return _Scaled(np.stack(shares), weights, lens, np.tile(small, (len(valid), 1)))
 
     def residuals(self, posed: Posed, level: int, at: Posed | None = None) -> np.ndarray:
         """(pixels,) differences of covered shares, whose squares sum to their mean over pixels."""
         scaled = self._scaled[level]
         drawn = coverage(posed.shape, scaled.lens_from_window @ posed.K, posed.cam_from_shape, scaled.sizes)
-        return self._weighed(np.stack(drawn) - scaled.masks, level).ravel()
+        return self._blurred((np.stack(drawn) - scaled.masks) * scaled.weights, level).ravel()
 
-    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
-        """(pixels, k) float32 derivatives by vertices that move by velocities (n, 3, k) or (V, n, 3, k)."""
+    def linearised(self, posed: Posed, level: int, velocities: np.ndarray) -> tuple[np.ndarray, Jacobian]:
+        """The residuals, and their derivatives by vertices that move by velocities (n, 3, k) or (V, n, 3, k)."""
         scaled = self._scaled[level]
         K = scaled.lens_from_window @ posed.K
-        _, slopes = coverage_slopes(posed.shape, K, posed.cam_from_shape, scaled.sizes)
-        out = np.zeros((scaled.masks.size, velocities.shape[-1]), np.float32)
-        out[slopes.pixels] = slopes.along(velocities)
-        return self._weighed(out.reshape(*scaled.masks.shape, -1), level).reshape(out.shape)
+        drawn, slopes = coverage_slopes(posed.shape, K, posed.cam_from_shape, scaled.sizes)
+        here = self._blurred((np.stack(drawn) - scaled.masks) * scaled.weights, level).ravel()
+        block = slopes.along(velocities).astype(np.float32) * scaled.weights.ravel()[slopes.pixels, None]
+        if not self.looks[level].blur:
+            return here, Jacobian(len(here), slopes.pixels, block)
+        out = np.zeros((*scaled.masks.shape, block.shape[1]), np.float32)
+        out.reshape(len(here), -1)[slopes.pixels] = block
+        touched = np.zeros(scaled.masks.shape, np.float32)
+        touched.ravel()[slopes.pixels] = 1
+        rows = np.flatnonzero(self._blurred(touched, level) > 0)
+        return here, Jacobian(len(here), rows, self._blurred(out, level).reshape(len(here), -1)[rows])
 
-    def _weighed(self, images: np.ndarray, level: int) -> np.ndarray:
-        """(V, H, W, ...) blurred, where something is known."""
-        scaled = self._scaled[level]
-        weights = scaled.known / np.float32(np.sqrt(scaled.known.size))
-        images = images * (weights if images.ndim == 3 else weights[..., None])
+    def _blurred(self, images: np.ndarray, level: int) -> np.ndarray:
+        """(V, H, W, ...) as a level looks at them."""
         for _ in range(self.looks[level].blur):
             images = np.stack([cv2.blur(image, (3, 3)).reshape(image.shape) for image in images])
         return images

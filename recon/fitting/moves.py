@@ -9,7 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from procmodels.space import Params, Value
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
+from recon.fitting.state import State
 
 
 class Move(Protocol):

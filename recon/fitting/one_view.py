@@ -13,9 +13,10 @@ from procmodels import Model
 from recon.fitting.camera_priors import PriorOptions
 from recon.fitting.found_cameras import Cameras
 from recon.fitting.mask_target import Level, Masks
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule
 from recon.fitting.silhouette_bank import Bank, BankOptions, Hit, search
+from recon.fitting.state import State
 from recon.geometry.view_geometry import Box, mask_box, rolled, seen_from, shortest_turn, towards, window
 from recon.scene import Cameras as Views
 
@@ -26,14 +27,15 @@ class CameraSearchOptions:
 
     bank: BankOptions = field(default_factory=BankOptions)
     size: int = 104  # px, side of the window on the object
-    levels: tuple[Level, ...] = (Level(4, blur=1), Level(2, blur=1), Level(1, blur=2))
+    levels: tuple[Level, ...] = (Level(4, blur=2), Level(2, blur=1), Level(1, blur=2))
     placed: int = 40  # views of the bank that are drawn exactly
     starts: int = 12  # of these, that are polished coarsely
     finals: int = 5  # of these, whose discrete parameters are searched
+    finished: int = 2  # of these, that are polished to the end
     coarse: Schedule = field(default_factory=lambda: Schedule(steps=(4, 3, 4), levels=(0, 1)))
     fine: Schedule = field(
         default_factory=lambda: Schedule(
-            sweeps=2, tries=3, steps=(4, 3, 6), levels=(0, 1), settle=(0.04, 0.015, 0.005, 0.002)
+            sweeps=4, tries=4, steps=(4, 4, 6), levels=(0, 1), settle=(0.04, 0.015, 0.005, 0.002)
         )
     )
     near: float = 25.0  # degrees between a known view direction and views of the bank

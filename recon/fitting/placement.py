@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from procmodels.shape import Shape
-from recon.fitting.problem import Posed
+from recon.fitting.state import Posed
 from recon.scene import Cameras as Views
 from recon.scene import Canonical, cam_from_canonical
 

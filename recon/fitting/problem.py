@@ -9,107 +9,20 @@ builds, which cost a millisecond each and no drawing.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from procmodels import Model
 from procmodels.shape import Shape
 from procmodels.space import Params
+from recon.fitting.state import Jacobian, Placement, Posed, State, Target
 from recon.fitting.usual import Usual
 
 STEP = 2e-3  # of a scalar's range: what its finite difference of builds is taken over
+WIDE = 0.03  # the same where no small step will do
 KEPT = 400  # shapes
-
-
-@dataclass(frozen=True)
-class State:
-    """A candidate answer.
-
-    units    (n,) scalars as shares of their ranges
-    choices  integers, choices and flags
-    place    the placement's numbers
-    front    which of the ways to stand and face
-    """
-
-    units: np.ndarray
-    choices: Params
-    place: np.ndarray
-    front: int = 0
-
-    @property
-    def shape_key(self) -> tuple:
-        return (self.units.tobytes(), *self.choices.values())
-
-    @property
-    def key(self) -> tuple:
-        return (*self.shape_key, self.place.tobytes(), self.front)
-
-
-@dataclass(frozen=True)
-class Posed:
-    """A shape in its place.
-
-    target_from_shape  (4, 4) similarity to the frame of the target
-    cam_from_shape     (V, 4, 4) rigid, in canonical units; K (V, 3, 3) pixels; both empty where there are no views
-    """
-
-    shape: Shape
-    target_from_shape: np.ndarray
-    cam_from_shape: np.ndarray
-    K: np.ndarray
-
-    def in_target(self, points: np.ndarray) -> np.ndarray:
-        """(n, 3) points of the shape's frame in the target's."""
-        return points @ self.target_from_shape[:3, :3].T + self.target_from_shape[:3, 3]
-
-
-class Target(Protocol):
-    """What shapes are compared with, coarsely (level 0) to finely.
-
-    weight  squares of residuals that one unit of loss is worth
-    usual   loss that a parameter one spread off its usual value may cost: enough to decide what is not to be seen
-    """
-
-    levels: int
-    weight: float
-    usual: float
-
-    def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
-        """(m,); `at` is the state that derivatives were taken at, where residuals are laid out on its surface."""
-
-    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
-        """(m, k) derivatives of the residuals at `posed` itself, by motions (n, 3, k) of its vertices, in its frame."""
-
-    def loss(self, posed: Posed) -> float:
-        """What decides between states, 0 at best."""
-
-
-class Placement(Protocol):
-    """Where a shape may stand. `free` (k,) bool says which of its k numbers may move, `fronts` how many there are."""
-
-    @property
-    def free(self) -> np.ndarray: ...
-    @property
-    def fronts(self) -> int: ...
-
-    def posed(self, shape: Shape, place: np.ndarray, front: int) -> Posed: ...
-
-    def moved(self, place: np.ndarray, delta: np.ndarray) -> np.ndarray:
-        """The place moved by (k,)."""
-
-    def velocities(self, posed: Posed, place: np.ndarray) -> np.ndarray:
-        """(n, 3, k), or (V, n, 3, k) view by view: how `moved` moves the vertices, in the shape's frame."""
-
-    def turned(self, place: np.ndarray, front: int, to: int) -> np.ndarray:
-        """The place when the shape faces another way."""
-
-    def half_turn(self, front: int) -> int | None:
-        """The front that looks the other way."""
-
-    def priors(self, posed: Posed, place: np.ndarray) -> np.ndarray:
-        """(r,) roots of what an unusual place costs, in units of the loss."""
 
 
 class Problem:
@@ -210,12 +123,27 @@ class Problem:
         """Sum of squared residuals."""
         return float(np.square(self.residuals(state, level)).sum())
 
-    def jacobian(self, state: State, level: int) -> np.ndarray:
-        """(m, n + k) derivatives of the residuals at a state, 0 for what is held."""
+    def linearised(self, state: State, level: int) -> tuple[np.ndarray, Jacobian]:
+        """The residuals (m,) of a state and their derivatives by the n + k numbers of `moved`, 0 for what is held."""
         posed, free = self.posed(state), self.free(state)
         nearby = self.nearby(state, posed)
-        met = self.target.jacobian(posed, level, self.velocities(state, posed, nearby) * free)
-        return np.concatenate([met, np.sqrt(self.target.weight) * self._prior_slopes(state, posed, nearby)])
+        met, J = self.target.linearised(posed, level, self.velocities(state, posed, nearby) * free)
+        if unseen := [int(i) for i in np.flatnonzero(self.movable(state)) if i not in nearby]:
+            J = Jacobian.of(J.dense())
+            for i in unseen:
+                J.block[:, i] = self._drawn_slope(state, posed, i, level)
+        root = np.sqrt(self.target.weight)
+        unusual, slopes = root * self._priors(posed, state), root * self._prior_slopes(state, posed, nearby)
+        m, more = len(met), len(unusual)
+        rows = np.concatenate([J.rows, m + np.arange(more)])
+        return np.concatenate([met, unusual]), Jacobian(m + more, rows, np.concatenate([J.block, slopes]))
+
+    def _drawn_slope(self, state: State, posed: Posed, i: int, level: int) -> np.ndarray:
+        """(m,) derivative by a scalar whose least step makes other parts, as one of no height does: by differences of
+        residuals, over a step that shows the part."""
+        step = -WIDE if state.units[i] > 0.5 else WIDE
+        there = self.posed(self.moved(state, step * np.eye(len(state.units) + len(self.placement.free))[i]))
+        return (self.target.residuals(there, level, posed) - self.target.residuals(posed, level, posed)) / step
 
     def nearby(self, state: State, posed: Posed) -> dict[int, tuple[float, Posed]]:
         """By number of a scalar that does something: a small step of it and the shape there."""

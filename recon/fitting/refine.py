@@ -21,8 +21,9 @@ from recon.fitting.mask_target import Level, Masks
 from recon.fitting.moves import Face
 from recon.fitting.network_starts import FitResult
 from recon.fitting.placement import Similarity
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, Search, solve, turned_round
+from recon.fitting.state import State
 from recon.fitting.uncertainty import Certainty
 from recon.geometry.align import quarter_turn
 from recon.geometry.object_windows import object_crops

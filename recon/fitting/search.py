@@ -11,7 +11,8 @@ import numpy as np
 from recon.fitting import moves
 from recon.fitting.gauss_newton import descended, polish, settled
 from recon.fitting.moves import Both, Move
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
+from recon.fitting.state import State
 
 
 @dataclass(frozen=True)

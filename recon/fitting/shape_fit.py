@@ -16,8 +16,9 @@ from procmodels import Model
 from procmodels.space import Params
 from recon.fitting import moves
 from recon.fitting.placement import Upright
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, Search, solve, turned_round
+from recon.fitting.state import State
 from recon.fitting.surface_target import Surface
 from recon.geometry.triangles import Triangles
 from recon.scene import Canonical

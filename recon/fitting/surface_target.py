@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from datasets.voxels import surface_grid
 from procmodels.shape import Shape
-from recon.fitting.problem import Posed
+from recon.fitting.state import Jacobian, Posed
 from recon.geometry.triangles import Places, Triangles, area_slopes
 
 HINT = 0.05  # of squared distances within the gaps of a sparse cloud: nothing is flat
@@ -108,8 +108,8 @@ class Surface:
         met = np.minimum(there, self.reach) / np.sqrt(len(some))
         return np.concatenate([met, np.minimum(self._beyond_gaps(back), self.reach) * shape.shares()])
 
-    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals. A nearest place is nearest because sliding along the surface does not help."""
+    def linearised(self, posed: Posed, level: int, velocities: np.ndarray) -> tuple[np.ndarray, Jacobian]:
+        """The residuals and their derivatives. A nearest place is nearest: sliding along the surface does not help."""
         shape, some = OnSurface(self._surfaces, posed, posed, self.counts[level]), self._some[level]
         there, places, _, way = shape.reached(some)
         to_shape = shape.speeds(places, way * ((there < self.reach) / np.sqrt(len(some)))[:, None], velocities)
@@ -120,7 +120,10 @@ class Surface:
         steep = np.where(back > 0, steep, 1.0) * (far < self.reach) * shape.shares()
         to_target = shape.speeds(shape.places, way @ shape.turn * steep[:, None], velocities)
         to_target += np.minimum(far, self.reach)[:, None] * shape.share_slopes(velocities)
-        return np.concatenate([to_shape, to_target])
+        here = np.concatenate(
+            [np.minimum(there, self.reach) / np.sqrt(len(some)), np.minimum(far, self.reach) * shape.shares()]
+        )
+        return here, Jacobian.of(np.concatenate([to_shape, to_target]))
 
     def loss(self, posed: Posed) -> float:
         """A chamfer distance, the sum of both ways' mean squares, by the last level's points."""
@@ -179,11 +182,7 @@ class VoxelGrid:
         """Vectors between voxels and surface, both ways; the squares sum to a chamfer distance."""
         shape = OnSurface(self._surfaces, posed, at, self.count)
         distance, _, way, _ = shape.reached(self.points)
-        vectors = self._vectors(distance[:, None] * way, self._back(shape))
-        if level == 0:
-            return vectors
-        half = self._halves()
-        return np.concatenate([np.sign(vectors) * np.maximum(np.abs(vectors) - half, 0), self.centred * vectors])
+        return self._beyond(self._vectors(distance[:, None] * way, self._back(shape)), level)
 
     def _vectors(self, there: np.ndarray, back: np.ndarray) -> np.ndarray:
         """Both ways' vectors one after the other, over the roots of their numbers; derivatives likewise."""
@@ -195,17 +194,24 @@ class VoxelGrid:
         """Half a voxel, scaled as the vectors are."""
         return self.half / np.sqrt(np.repeat([len(self.points), self.count], [3 * len(self.points), 3 * self.count]))
 
-    def jacobian(self, posed: Posed, level: int, velocities: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals; a place on the shape keeps its voxel."""
+    def linearised(self, posed: Posed, level: int, velocities: np.ndarray) -> tuple[np.ndarray, Jacobian]:
+        """The residuals and their derivatives; a place on the shape keeps its voxel."""
         shape = OnSurface(self._surfaces, posed, posed, self.count)
         distance, places, way, along = shape.reached(self.points)
         there = way[..., None] * shape.speeds(places, along, velocities)[:, None]
         axes = [shape.speeds(shape.places, np.tile(row, (self.count, 1)), velocities) for row in shape.turn]
         out = self._vectors(there, np.stack(axes, 1))
-        if level == 0:
-            return out
         vectors = self._vectors(distance[:, None] * way, self._back(shape))
-        return np.concatenate([out * (np.abs(vectors) > self._halves())[:, None], self.centred * out])
+        if level > 0:
+            out = np.concatenate([out * (np.abs(vectors) > self._halves())[:, None], self.centred * out])
+        return self._beyond(vectors, level), Jacobian.of(out)
+
+    def _beyond(self, vectors: np.ndarray, level: int) -> np.ndarray:
+        """What counts of vectors at a level."""
+        if level == 0:
+            return vectors
+        beyond = np.sign(vectors) * np.maximum(np.abs(vectors) - self._halves(), 0)
+        return np.concatenate([beyond, self.centred * vectors])
 
     def loss(self, posed: Posed) -> float:
         """Share of differing voxels among those that are filled in the target."""

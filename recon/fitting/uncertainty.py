@@ -27,8 +27,9 @@ from recon.fitting import moves
 from recon.fitting.gauss_newton import descended
 
 if TYPE_CHECKING:
-    from recon.fitting.problem import Problem, State
+    from recon.fitting.problem import Problem
     from recon.fitting.search import Search
+    from recon.fitting.state import State
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
@@ -119,11 +120,12 @@ def chance(gap: float, use: Calibration) -> float:
 def _spreads(problem: Problem, state: State) -> np.ndarray:
     """(n,) standard deviations of the scalars in shares of their ranges, before calibration."""
     level = problem.target.levels - 1
-    here, J = problem.residuals(state, level), problem.jacobian(state, level)
+    here, found = problem.linearised(state, level)
     n = len(problem.scalars)
     # The outlines' surroundings alone say something: pixels that no change moves are no evidence.
-    seen = (J != 0).any(1)
-    variance = max(float((here[seen] ** 2).sum() / max(int(seen.sum()), 1)), 1e-8 / max(len(here), 1))
+    seen = (found.block != 0).any(1)
+    J = found.block[seen]
+    variance = max(float((here[found.rows[seen]] ** 2).sum() / max(len(J), 1)), 1e-8 / max(len(here), 1))
     prior = np.zeros(J.shape[1])
     prior[:n] = PRIOR
     hessian = J.T @ J / variance + np.diag(prior + 1e-9)

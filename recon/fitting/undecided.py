@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from recon.fitting import moves
-from recon.fitting.problem import Posed, Problem, State
+from recon.fitting.problem import Problem
+from recon.fitting.state import Posed, State
 from recon.fitting.surface_target import Surface
 from recon.geometry.triangles import Triangles
 

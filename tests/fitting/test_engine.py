@@ -17,8 +17,9 @@ from recon.fitting.gauss_newton import descended, polish
 from recon.fitting.hull_target import Hull
 from recon.fitting.mask_target import Level, Masks
 from recon.fitting.placement import Fixed, Similarity, Standing, Upright, yaw
-from recon.fitting.problem import Problem, State
+from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, Search, solve
+from recon.fitting.state import State
 from recon.fitting.surface_target import Surface, VoxelGrid
 from recon.geometry.object_windows import Crops, object_crops
 from recon.geometry.raster import coverage, coverage_slopes
@@ -127,7 +128,9 @@ def test_a_state_moves_its_vertices_and_pixels_as_derivatives_say(problems, name
 def test_the_jacobian_is_that_of_the_residuals(problems, name):
     """Coarse residuals are nearly straight over a small step; priors and places are among them."""
     problem, state = problems[name]
-    J = problem.jacobian(state, 0)
+    for level in range(problem.target.levels):
+        np.testing.assert_allclose(problem.linearised(state, level)[0], problem.residuals(state, level), atol=1e-6)
+    J = problem.linearised(state, 0)[1].dense()
     for i in np.flatnonzero(problem.free(state)):
         step = 2e-3 * np.eye(J.shape[1])[i]
         ahead, behind = (problem.residuals(problem.moved(state, s * step), 0, state) for s in (1, -1))
@@ -139,7 +142,9 @@ def test_the_jacobian_is_that_of_the_residuals(problems, name):
 def test_hull_distances_shrink_as_their_derivatives_say(problems):
     """Distances count whole pixels: what their squares sum to is the smoother."""
     problem, state = problems["hull"]
-    gradient = 2 * problem.residuals(state, 0) @ problem.jacobian(state, 0)
+    here, J = problem.linearised(state, 0)
+    np.testing.assert_allclose(here, problem.residuals(state, 0), atol=1e-9)
+    gradient = 2 * here @ J.dense()
     for i in range(len(state.units)):
         step = 0.03 * np.eye(len(gradient))[i]
         ahead, behind = (np.square(problem.residuals(problem.moved(state, s * step), 0, state)).sum() for s in (1, -1))
@@ -158,7 +163,7 @@ def test_a_jacobian_draws_once(scalars, monkeypatch):
         counting = lambda *a, original=original: drawn.append(1) or original(*a)  # noqa: E731
         monkeypatch.setattr(f"recon.fitting.mask_target.{name}", counting)
     builds = problem.builds
-    assert problem.jacobian(state, 1).shape[1] == scalars + 7
+    assert problem.linearised(state, 1)[1].block.shape[1] == scalars + 7
     assert len(drawn) == 1
     assert problem.builds - builds <= scalars + 1
 
@@ -372,7 +377,7 @@ def test_unknown_pixels_say_nothing(chair, seen):
     nothing = Problem(chair, Masks(crops.masks, np.zeros_like(crops.valid), LEVELS), Similarity(crops.cameras))
     assert nothing.loss(state_of(nothing)) == 0
     assert not nothing.residuals(state_of(nothing), 0).any()
-    assert not nothing.jacobian(state_of(nothing), 1).any()
+    assert not nothing.linearised(state_of(nothing), 1)[1].block.any()
     half = crops.valid.copy()
     half[:, :, :56] = False
     masks = np.where(half, crops.masks, 0)

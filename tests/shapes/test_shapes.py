@@ -11,9 +11,9 @@ import trimesh
 from procmodels.shape import Part, Shape
 from recon.evaluate.metrics import chamfer
 from recon.files.recognise import Kind
-from recon.fitting.problem import Posed
 from recon.fitting.shape_fit import ShapeFit
 from recon.fitting.shape_fit import run as fit_shape
+from recon.fitting.state import Posed
 from recon.fitting.surface_target import Surface
 from recon.geometry.triangles import Triangles
 from recon.scene import Canonical, InputError
