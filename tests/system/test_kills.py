@@ -46,7 +46,7 @@ class Runs:
         places = {"TMPDIR": str(self.folder / "tmp"), "XDG_CACHE_HOME": str(self.folder / "cache")}
         environment = {**os.environ, **places, "PYTHONPATH": str(ROOT), name: value}
         inputs = [str(self.folder / "photos"), str(out), str(self.folder / "masks")]
-        command = [sys.executable, str(ROOT / "tests" / "small_run.py"), *inputs]
+        command = [sys.executable, "-m", "tests.small_run", *inputs]
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True)
         return process, mark
 

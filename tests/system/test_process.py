@@ -13,7 +13,7 @@ from recon.system import scratch
 
 ROOT = Path(__file__).parents[2]
 SLEEP = "import time; time.sleep(60)"
-COMMAND = "import sys; from recon import process; sys.exit(process.run(main))"
+COMMAND = "import sys; from recon.system import process; sys.exit(process.run(main))"
 
 
 def python(code, tmp, **options):
@@ -72,7 +72,7 @@ def test_a_child_is_the_module_with_its_arguments(tmp_path):
 
 def left_behind(tmp_path):
     """A folder of a process that was killed."""
-    code = f"from recon import scratch; from pathlib import Path; s = scratch.folder(Path({str(tmp_path)!r}))"
+    code = f"from recon.system import scratch; from pathlib import Path; s = scratch.folder(Path({str(tmp_path)!r}))"
     process = python(f"{code}; print(s.__enter__(), flush=True); {SLEEP}", tmp_path)
     path = Path(process.stdout.readline().strip())
     assert path.is_dir()
@@ -160,7 +160,7 @@ def test_a_signal_that_foreign_code_swallows_ends_it_all_the_same(tmp_path, agai
 
 def test_a_library_that_takes_signals_for_itself(tmp_path):
     """As pycolmap does when it is imported: a run ended with a stack trace."""
-    load = "from recon import lenses; print(len(lenses.models()), flush=True)"
+    load = "from recon.geometry import lenses; print(len(lenses.models()), flush=True)"
     code = f"def main():\n    {load}; {SLEEP}\n{COMMAND}"
     process = python(code, tmp_path)
     assert int(process.stdout.readline()) > 10

@@ -245,7 +245,7 @@ def test_a_failed_run_removes_only_what_it_made(tmp_path):
 HOLDER = """
 import sys, time
 from pathlib import Path
-from recon import out_folder
+from recon.pipelines import out_folder
 with out_folder.claimed(Path(sys.argv[1]), {}):
     print("held", flush=True)
     time.sleep(60)
