@@ -5,8 +5,8 @@ import pytest
 
 from procmodels import load, names
 from recon.evaluate.chair import from_silhouettes
-from recon.evaluate.metrics import chamfer
 from recon.evaluate.data.scenes import drawn_scene, orbit
+from recon.evaluate.metrics import chamfer
 from recon.scene import ReconstructionError
 
 
