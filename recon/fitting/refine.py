@@ -41,9 +41,12 @@ class RefineOptions:
     size: int = 112  # pixels along each side of a window
     max_views: int = 32  # spread evenly over the photos; more add time and little else
     levels: tuple[Level, ...] = (Level(4, blur=1), Level(2, blur=1), Level(1, blur=2))  # the last is polished by once
-    candidates: int = 6  # of the fit's, that are polished at all
+    candidates: int = 8  # of the fit's, that are polished at all
+    each: int = 2  # of these, at most, that face one way
     sweeps: int = 3  # rounds over the discrete parameters and fronts
     tries: int = 4  # the most promising changes of a round that are polished
+    far: int = 8  # combinations of choices that are polished, when the answer is not good
+    good: float = 0.005  # 1 - mean IoU of an answer that needs no other choices
     steps: tuple[int, int, int] = (5, 3, 10)  # Gauss-Newton steps a level: of a candidate, of a change, of the answer
 
     @property
@@ -51,9 +54,12 @@ class RefineOptions:
         """As the search wants it."""
         return Schedule(
             starts=self.candidates,
+            each=self.each,
             kept=1,
             sweeps=self.sweeps,
             tries=self.tries,
+            far=self.far,
+            good=self.good,
             steps=self.steps,
             levels=tuple(range(len(self.levels) - 1)) or (0,),
         )
