@@ -99,7 +99,7 @@ def silhouette(shape: Shape, pixels_from_canonical: np.ndarray, size: int) -> np
         # What is convex is its outline; of other closed parts every triangle is drawn.
         polygons = [cv2.convexHull(own)] if part.convex else own[part.triangles()]
         for polygon in polygons:
-            cv2.fillConvexPoly(out, polygon, 1, cv2.LINE_8, SHIFT)
+            cv2.fillConvexPoly(out, polygon, (1,), cv2.LINE_8, SHIFT)
     return out
 
 

@@ -40,8 +40,8 @@ def point_grid(points: np.ndarray, resolution: int = RESOLUTION) -> np.ndarray:
 def splat_grid(points: np.ndarray, spacing: float, resolution: int = RESOLUTION) -> np.ndarray:
     """(R, R, R) bool, points (n, 3) in canonical units as a surface without gaps: balls, peeled back to their middles.
 
-    spacing  of the points (see spacing_of): a ball's radius follows the cloud's own gaps, so that a sparse cloud becomes
-             a surface, not dust
+    spacing  of the points (see spacing_of): a ball's radius follows the cloud's own gaps, so that a sparse cloud
+             becomes a surface, not dust
     """
     radius = 1.6 * spacing * resolution
     grid = point_grid(points, resolution)

@@ -164,7 +164,7 @@ def canonical(points: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def grid_of(target: Target, hypothesis: Hypothesis) -> np.ndarray:
-    """(64, 64, 64) bool surface grid for the network: triangles when known, else points splatted to close their gaps."""
+    """(64, 64, 64) bool surface grid for the network: of the triangles when known, else of splatted points."""
     if len(target.triangles):
         forward = np.linalg.inv(hypothesis.input_from_canonical)
         corners = target.triangles.reshape(-1, 3) @ forward[:3, :3].T + forward[:3, 3]
