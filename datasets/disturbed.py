@@ -5,7 +5,7 @@ An encoder that has seen only what a procedure makes trusts every voxel. These f
 
   splat    a sparse, noisy cloud of points, perhaps of one side only, made a surface as reconstruction does it
   damaged  holes, missing parts, voxels dropped, specks, a box that is a voxel off
-  boxed    the same shape in a box of its own, as a visual hull's mesh is
+  met      a visual hull in the ways in which reconstruction asks about one
 Hulls need the shape itself: datasets.hulls.
 """
 
@@ -82,6 +82,14 @@ def damaged(grid: np.ndarray, rng: np.random.Generator, options: DamageOptions =
     return out
 
 
+def met(hull: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A hull's skin as it is, as photos give it, or as its mesh gives it: in its own box, every voxel that is cut."""
+    if rng.random() < 0.6:
+        return hull
+    out = boxed(hull)
+    return scipy.ndimage.binary_dilation(out) if rng.random() < 0.5 else out
+
+
 def boxed(grid: np.ndarray) -> np.ndarray:
     """The grid moved and scaled so that its own box is centred and its longest side fills the cube."""
     where = np.argwhere(grid)
@@ -110,7 +118,7 @@ def _resampled(grid: np.ndarray, places: list[np.ndarray]) -> np.ndarray:
         index = np.floor(place).astype(int)
         out = out.take(np.clip(index, 0, RESOLUTION - 1), axis)
         beyond = [slice(None)] * 3
-        beyond[axis] = (index < 0) | (index >= RESOLUTION)  # type: ignore[call-overload]
+        beyond[axis] = (index < 0) | (index >= RESOLUTION)
         out[tuple(beyond)] = False
     return out
 
