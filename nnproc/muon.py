@@ -44,11 +44,13 @@ def _of_long(x: Tensor) -> Tensor:
     matrix squares the singular values, and rounded ones of a matrix of low rank turn negative and grow.
     """
     x = x / (x.norm() + 1e-7)
-    gram, product = x @ x.T, torch.eye(len(x), device=x.device)
-    for _ in range(_ITERATIONS):
-        factor = _B * gram + _C * gram @ gram
+    gram, product = x @ x.T, None
+    for left in reversed(range(_ITERATIONS)):
+        factor = torch.addmm(gram, gram, gram, beta=_B, alpha=_C)
         factor.diagonal().add_(_A)
-        product, gram = factor @ product, factor @ gram @ factor
+        product = factor if product is None else factor @ product
+        if left:
+            gram = factor @ gram @ factor
     return product @ x
 
 

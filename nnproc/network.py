@@ -147,7 +147,7 @@ class WideEncoder(nn.Module):
             *(_Block(192), nn.ReLU()),
             *(nn.Conv3d(192, 48, 1), nn.ReLU()),
         )
-        self.head = nn.Sequential(nn.Flatten(), nn.Linear(48 * 4**3, 512), nn.ReLU(), nn.Linear(512, out))
+        self.head = nn.Sequential(nn.Flatten(), nn.Linear(48 * 4**3, 384), nn.ReLU(), nn.Linear(384, out))
 
     def forward(self, cells: Tensor) -> Tensor:
         return self.head(self.convs(cells))
