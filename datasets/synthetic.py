@@ -104,12 +104,12 @@ def _is_test(params: Params) -> bool:
     return digest[0] < 256 * TEST
 
 
-def shape_grid(model: Model, which: str, index: int, params: Params, seed: int) -> np.ndarray:
+def shape_grid(model: Model, which: str, index: int, params: Params, seed: int, scratch: Path) -> np.ndarray:
     """(64, 64, 64) bool, what shape `index` of a set looks like: its surface, or the skin of its visual hull."""
     shape = model.build(params)
     if which.endswith("_hull"):
         return hull(shape, np.random.default_rng([seed, SETS[which], index, VIEWS]))
-    return surface_grid(shape.vertices(), shape.triangles())
+    return surface_grid(shape.vertices(), shape.triangles(), scratch=scratch)
 
 
 @dataclass(frozen=True)
@@ -184,8 +184,10 @@ def _make_in_worker(shard: _Shard) -> _Shard:
 def _make(model: Model, shard: _Shard, options: SyntheticOptions) -> None:
     numbers = range(shard.start, shard.start + shard.count)
     rows = [shape_params(model, shard.which, i, options) for i in numbers]
-    grids = [pack(shape_grid(model, shard.which, i, row, options.seed)) for i, row in zip(numbers, rows, strict=True)]
-    _write(shard.path, vectors=np.stack([model.space.encode(r) for r in rows]), bits=np.stack(grids))
+    scratch = shard.path.with_suffix(".ply")
+    grids = [shape_grid(model, shard.which, i, r, options.seed, scratch) for i, r in zip(numbers, rows, strict=True)]
+    scratch.unlink(missing_ok=True)
+    _write(shard.path, vectors=np.stack([model.space.encode(r) for r in rows]), bits=pack(np.stack(grids)))
 
 
 def read(out: Path, which: str, space_hash: str) -> Pairs:

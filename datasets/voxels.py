@@ -33,7 +33,7 @@ def surface_grid(
     grid = o3d.geometry.VoxelGrid.create_from_triangle_mesh_within_bounds(
         mesh, 1 / resolution, np.full(3, -0.5), np.full(3, 0.5)
     )
-    if scratch is not None and o3d.io.write_voxel_grid(str(scratch), grid, write_ascii=False, compressed=False):
+    if scratch is not None and o3d.io.write_voxel_grid(scratch, grid, write_ascii=False, compressed=False):
         return _filled(_voxels_of_ply(scratch.read_bytes()), resolution)
     return _filled(np.array([v.grid_index for v in grid.get_voxels()]), resolution)
 
