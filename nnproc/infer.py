@@ -93,3 +93,8 @@ def values_from_grids(network: NNProc, grids: np.ndarray, batch: int = 32) -> Te
 def params_from_grids(network: NNProc, grids: np.ndarray) -> list[Params]:
     """Task 2, as parameter sets."""
     return network.codec.params(values_from_grids(network, grids))
+
+
+def likely_params(network: NNProc, grids: np.ndarray, count: int) -> list[list[Params]]:
+    """Task 2 with doubts: of each grid the likeliest parameter sets, at most `count` (Codec.likely)."""
+    return [network.codec.likely(values, count) for values in values_from_grids(network, grids)]

@@ -23,7 +23,7 @@ from procmodels.space import Params
 from recon.evaluate.data.scenes import drawn_scene, misaligned, orbit, read_mask, true_scene
 from recon.evaluate.metrics import chamfer, d_voxel
 from recon.evaluate.rows import Row
-from recon.fitting import network_starts, refine
+from recon.fitting import refine, view_starts
 from recon.geometry import align, visual_hull
 from recon.geometry.raster import iou, silhouettes
 from recon.scene import Cameras, Canonical, Poses, ReconstructionError, Silhouettes, cam_from_canonical
@@ -151,7 +151,7 @@ def from_silhouettes(model: Model, poses: Poses, masks: Silhouettes) -> refine.R
     """The stages after the photographs: align, hull, fit, refine."""
     place = align.run(poses, masks)
     solid = visual_hull.run(poses, masks, place)
-    return refine.run(model, poses, masks, place, network_starts.run(model, poses, masks, place, solid))
+    return refine.run(model, poses, masks, place, view_starts.run(model, poses, masks, place, solid))
 
 
 def network_rows(model: Model, shapes: int) -> list[Row]:
