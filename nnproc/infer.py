@@ -44,11 +44,11 @@ def save_network(path: Path, network: NNProc) -> None:
     partial.replace(path)
 
 
-def load_network(space: ParamSpace, path: Path) -> NNProc:
+def load_network(space: ParamSpace, path: Path, decoder: bool = False) -> NNProc:
     """The trained network of a space, in evaluation mode; shipped ones lie beside their models (Model.weights).
 
-    Files that hold the inverse half alone give a network whose has_decoder is False. Raises WeightsError when the file
-    is missing, damaged, or of another class or parameter space.
+    Files that hold the inverse half alone give a network whose has_decoder is False; with `decoder` they will not do.
+    Raises WeightsError when the file is missing, damaged, or of another class or parameter space.
     """
     if not path.is_file():
         raise WeightsError(
@@ -65,9 +65,15 @@ def load_network(space: ParamSpace, path: Path) -> NNProc:
             f"{path} was trained for {metadata.get('class')} (space {metadata.get('space_hash')}), but the model is "
             f"{space.name} (space {space.hash}); retrain with: python -m nnproc.train {space.name}"
         )
+    halves = metadata.get("halves", "both")
+    if decoder and halves != "both":
+        raise WeightsError(
+            f"{path} holds the {halves} half alone, from shapes to parameters, and what is asked for needs a decoder; "
+            f"the networks of paper/CLASS have one, as has what python -m nnproc.train makes"
+        )
     try:
         network = NNProc(space, NetworkConfig(**json.loads(metadata["config"])))
-        network.has_decoder = metadata.get("halves", "both") == "both"
+        network.has_decoder = halves == "both"
         lacking, unknown = network.load_state_dict(tensors, strict=network.has_decoder)
         if unknown or any(k.split(".")[0] in HALVES["inverse"] for k in lacking):
             raise ValueError(f"it lacks {lacking} and has {unknown}")

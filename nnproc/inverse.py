@@ -40,6 +40,7 @@ from nnproc.train import Trainer, TrainOptions
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.inverse")
+LOG_EVERY = 50  # steps; what is said is their mean loss
 BATCH = 21  # of the generators that draw batches
 
 
@@ -114,14 +115,16 @@ def train(
     if trainer.resume():
         log.info("resuming at step %d", trainer.step)
     log.info("%d weights learn, %d steps", _learning(trainer.network), options.steps)
-    first, began, before = trainer.step, time.monotonic(), trainer.seconds
+    first, began, before, recent = trainer.step, time.monotonic(), trainer.seconds, 0.0
     for cells, vectors in store.batches(first, options):
         terms = trainer.advance(cells.to(device()), vectors.to(device()))
         trainer.seconds = before + time.monotonic() - began
-        if trainer.step % 50 == 0:
+        recent += terms["param"] / LOG_EVERY
+        if trainer.step % LOG_EVERY == 0:
             left = (time.monotonic() - began) / (trainer.step - first) * (options.steps - trainer.step)
             text = "step %d of %d  loss %.4f  %.1f min, %.1f to go"
-            log.info(text, trainer.step, options.steps, terms["param"], trainer.seconds / 60, left / 60)
+            log.info(text, trainer.step, options.steps, recent, trainer.seconds / 60, left / 60)
+            recent = 0.0
         if trainer.step % options.checkpoint_every == 0 or trainer.step == options.steps:
             trainer.save()
     return trainer
