@@ -28,11 +28,12 @@ def accuracy(network: NNProc, clean: Pairs, hulls: Pairs, seed: int = 0) -> dict
     for code, (kind, disturb) in enumerate(KINDS.items()):
         pairs = hulls if kind == "hull" else clean
         seen = [disturb(g, np.random.default_rng([seed, HELD_OUT, code, i])) for i, g in enumerate(pairs.grids())]
-        out[kind] = _read(network, values_from_grids(network, np.stack(seen)), torch.from_numpy(pairs.vectors))
+        out[kind] = reading(network, values_from_grids(network, np.stack(seen)), torch.from_numpy(pairs.vectors))
     return out
 
 
-def _read(network: NNProc, values: Tensor, target: Tensor) -> dict[str, object]:
+def reading(network: NNProc, values: Tensor, target: Tensor) -> dict[str, object]:
+    """The same of activated values (B, width) beside their true vectors."""
     space, codec = network.space, network.codec
     active = codec.active(target)
     discrete = {p.name for p in space.discrete}
