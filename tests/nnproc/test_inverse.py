@@ -35,7 +35,7 @@ def build(params):
         parts.append(box("back", (-0.5, 0.15, top), (0.5, 0.2, top + params["back_height"])))
     return parts
 """
-NARROW = NetworkConfig(layers="patch", latent=16, hidden=32)
+NARROW = NetworkConfig(layers="patch", latent=32, hidden=64)
 TINY = InverseOptions(steps=6, batch=8, network=NARROW, checkpoint_every=2)
 
 
@@ -90,7 +90,7 @@ def test_batches_show_all_kinds_in_their_shares_and_depend_on_the_step_alone(dat
 
 
 def test_it_learns(data, bench, name, tmp_path):
-    options = replace(TINY, steps=60, checkpoint_every=60)
+    options = replace(TINY, steps=60, checkpoint_every=60, learning_rate=2e-3)
     store = training_set(data, bench.space.hash)
     probe = [store.batch(1000 + i, options) for i in range(4)]
 
@@ -165,8 +165,8 @@ def test_weights_their_card_and_going_on(data, bench, name, tmp_path):
 def test_what_cannot_be_gone_on_from_is_said(data, name, bench, tmp_path, capsys):
     weights = tmp_path / "bench.safetensors"
     assert _command(name, data, tmp_path / "a", "--out", str(weights)) == 0
-    with pytest.raises(ValueError, match="hidden=64"):
-        InverseTrainer(name, tmp_path, replace(TINY, network=replace(NARROW, hidden=64)), weights)
+    with pytest.raises(ValueError, match="hidden=48"):
+        InverseTrainer(name, tmp_path, replace(TINY, network=replace(NARROW, hidden=48)), weights)
     assert _command(name, data, tmp_path / "b", "--start", str(tmp_path / "none")) == 2
     assert "none" in capsys.readouterr().err
 
