@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 from tqdm import tqdm
 
+from datasets.hulls import skin
 from nnproc.losses import kl_divergence
 from nnproc.network import NNProc, occupancy_loss
 from nnproc.on_device import codes_of_vectors, latents_of_grids, logits_of_latents, values_of_latents
@@ -201,12 +201,6 @@ def _results(network: NNProc, objective: Objective, state: _State, options: FitO
         Fit(params[i], int(state.turn[i]), float(losses[i]), state.mean[i].detach(), state.logvar[i].detach())
         for i in order
     ]
-
-
-def skin(solid: np.ndarray) -> np.ndarray:
-    """The surface (R, R, R) bool of a solid grid: the network knows surface grids."""
-    inside = -F.max_pool3d(-F.pad(torch.from_numpy(solid).float()[None, None], (1,) * 6), 3, 1)[0, 0]
-    return solid & ~(inside > 0.5).numpy()
 
 
 @torch.no_grad()

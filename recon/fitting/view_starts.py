@@ -12,9 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
+from datasets.hulls import skin
 from nnproc.infer import WeightsError, likely_params, load_network
 from nnproc.latent_fit import FitOptions as LatentOptions
-from nnproc.latent_fit import fit, hull_starts, silhouette_objective, skin
+from nnproc.latent_fit import fit, hull_starts, silhouette_objective
 from procmodels import Model
 from procmodels.space import Params
 from recon.fitting.mask_target import Level, Masks
@@ -40,7 +41,7 @@ class FitOptions:
     random: int = 160  # shapes of the prior, each in all fronts
     kept: int = 4  # of every front: a wrong one may look better before it is polished
     seed: int = 0
-    # The latent itself is searched too (paper, section 4.2.4), by the decoder's silhouettes; None: it is not.
+    # The latent itself is searched too (paper, section 4.2.4), by the silhouettes of a trained decoder; None: not.
     latent: LatentOptions | None = None
 
 
@@ -81,7 +82,7 @@ def run(
         for turn, answers in zip(TURNS, likely_params(network, grids, options.likely), strict=True)
         for params in answers
     ]
-    if options.latent is not None:
+    if options.latent is not None and network.has_decoder:
         operator = crop_operator(crops, canonical)
         objective = silhouette_objective(operator, operator.gather(torch.from_numpy(crops.masks)))
         begun = hull_starts(network, hull.grid, TURNS)
