@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 
 from datasets import axes_tables, sweethome3d
 from datasets.catalogue_object import DataError, RealObject, read_mesh
@@ -119,18 +120,27 @@ def _in_catalogue(file: Path) -> list[RealObject]:
 
 
 def _in_folders(folder: Path) -> list[RealObject]:
+    """The meshes of class folders, and masks (white = object) that have none."""
     root = folder.resolve()
     axes = axes_tables.find(root.name, root)
-    return [
-        RealObject(
-            data=root.name,
-            class_name=sub.name,
-            name=file.stem,
-            source=str(file),
-            mask=mask if (mask := file.with_suffix(".png")).is_file() else None,
-            canonical_from_file=axes.turn(f"{sub.name}/{file.name}", "y", "-z"),
-            read=partial(read_mesh, file),
-        )
-        for sub in sorted(f for f in (root.iterdir() if root.is_dir() else ()) if f.is_dir())
-        for file in meshes(sub)
-    ]
+    out = []
+    for sub in sorted(f for f in (root.iterdir() if root.is_dir() else ()) if f.is_dir()):
+        known = {file.stem: file for file in meshes(sub)}
+        for stem in sorted({*known, *(f.stem for f in sub.glob("*.png"))}):
+            file, mask = known.get(stem), sub / f"{stem}.png"
+            out.append(
+                RealObject(
+                    data=root.name,
+                    class_name=sub.name,
+                    name=stem,
+                    source=str(file or mask),
+                    mask=mask if mask.is_file() else None,
+                    canonical_from_file=axes.turn(f"{sub.name}/{file.name if file else stem}", "y", "-z"),
+                    read=partial(read_mesh, file) if file else partial(_no_mesh, mask),
+                )
+            )
+    return out
+
+
+def _no_mesh(mask: Path) -> trimesh.Trimesh:
+    raise DataError(f"{mask} is a mask alone; there is no mesh of the object")
