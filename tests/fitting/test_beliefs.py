@@ -1,4 +1,4 @@
-"""What may be stated: less the more is unexplained, nothing surer than what was measured, and "not a chair" for none."""
+"""What may be stated: less the more is unexplained, no more than was measured; "not a chair" for what is none."""
 
 from dataclasses import replace
 

@@ -10,7 +10,7 @@ import tempfile
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,7 @@ from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
 from recon.fitting.uncertainty import Certainty
 from recon.geometry.view_geometry import guessed_K
+from recon.masks.single_mask import checked
 from recon.scene import Cameras, ReconError, Silhouettes
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions
@@ -178,14 +179,19 @@ def from_image(model: Model, mask: np.ndarray) -> Found:
 def _image(model: Model, mesh: trimesh.Trimesh, seed: int) -> Found:
     mask = one_view(mesh, seed)[0]
     alone = Silhouettes(("view",), (mask,), ("user",), np.ones(1, bool))
-    return from_image(model, worn(alone, np.random.default_rng(seed), GROWTH).masks[0])
+    return from_image(model, _tidied(alone, np.random.default_rng(seed)).masks[0])
+
+
+def _tidied(masks: Silhouettes, rng: np.random.Generator) -> Silhouettes:
+    """Masks that are a little wrong along their outlines, without the specks that this makes elsewhere."""
+    return replace(masks, masks=tuple(checked(m, "view")[0] for m in worn(masks, rng, GROWTH).masks))
 
 
 def _masks(model: Model, mesh: trimesh.Trimesh, seed: int) -> Found:
     """Some to many masks from all round, their cameras known."""
     rng = np.random.default_rng(seed)
     poses, masks, _ = all_round(mesh, int(rng.integers(SIDES[0], SIDES[1] + 1)), seed)
-    masks = worn(masks, rng, GROWTH)
+    masks = _tidied(masks, rng)
     refined = from_silhouettes(model, poses, masks)
     seen = quality.evidence_in(model, refined.params, poses.cameras, masks, refined.canonical)
     return refined.params, refined.certainty, seen
