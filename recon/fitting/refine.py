@@ -21,7 +21,7 @@ from recon.fitting.mask_target import Level, Masks
 from recon.fitting.moves import Face
 from recon.fitting.placement import Similarity
 from recon.fitting.problem import Problem
-from recon.fitting.search import Schedule, Search, solve, turned_round
+from recon.fitting.search import Neighbour, Schedule, Search, solve, turned_round
 from recon.fitting.state import State
 from recon.fitting.uncertainty import Certainty
 from recon.fitting.view_starts import FitResult
@@ -72,7 +72,8 @@ class Refined:
     params, canonical   parameters and world_from_canonical, facing the right way
     mean_iou            with the silhouettes used, at window size
     start_iou           the same before any polishing (best candidate)
-    alternatives        (description, mean IoU) of other fronts and choices, best first
+    alternatives        (description, mean IoU less what is odd about them) of other fronts and choices, best first;
+                        none is better than the answer by what accepted it
     certainty           how sure each parameter is
     overlap             the best mean IoU that was found, wherever it had the object stand; None where that is mean_iou
     next_front          mean IoU of the best other front, 0 where there is none
@@ -112,18 +113,29 @@ def run(
         if near is not None and (nearest := near.better(best)) is not None:
             # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
             overlap, search, best = 1 - found.loss, Search(near.outlines, options.schedule), nearest
-    best = turned_round(search, best, lambda loss: (1 + NEARLY) * loss + 5e-4)
-    ranked = search.alternatives(best)
+    best, near_by = turned(search, best, overlap is None)
+    ranked = search.behind(best, near_by)
+    mean_iou = 1 - search.problem.loss(best)
     return Refined(
         search.problem.params(best),
         Canonical(search.problem.posed(best).target_from_shape),
-        1 - search.problem.loss(best),
+        mean_iou,
         1 - found.start,
-        tuple((str(move), 1 - loss) for move, loss in ranked),
-        uncertainty.run(search, best),
+        tuple((str(move), mean_iou - loss) for move, loss in ranked),
+        uncertainty.run(search, best, neighbours=near_by),
         overlap,
-        max((1 - loss for move, loss in ranked if isinstance(move, Face)), default=0.0),
+        max((mean_iou - loss for move, loss in ranked if isinstance(move, Face)), default=0.0),
     )
+
+
+def turned(search: Search, state: State, by_outlines: bool = True) -> tuple[State, list[Neighbour]]:
+    """The state, a better neighbour, or either facing the likelier way, and the neighbours of that.
+
+    by_outlines  whether outlines accepted the state: only then may they prefer another
+    """
+    best, neighbours = search.compared(state, rounds=3 if by_outlines else 0)
+    round_ = turned_round(search, best, lambda loss: (1 + NEARLY) * loss + 5e-4)
+    return (best, neighbours) if round_ is best else (round_, search.polished_neighbours(round_))
 
 
 def problem_of(
