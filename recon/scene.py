@@ -12,7 +12,7 @@ Transforms are named target_from_source and compose by reading:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -221,6 +221,45 @@ class Canonical:
     def scale(self) -> float:
         """SfM units per canonical unit (the object's longest side in SfM units)."""
         return float(np.linalg.norm(self.world_from_canonical[:3, 0]))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One object before cameras: the views, its outlines in them, and where it stands.
+
+    Poses and silhouettes name the same views in the same order.
+    """
+
+    poses: Poses
+    silhouettes: Silhouettes
+    canonical: Canonical
+
+    def __post_init__(self) -> None:
+        _check(self.poses.cameras.names == self.silhouettes.names, "poses and silhouettes must name the same views")
+
+    @property
+    def cameras(self) -> Cameras:
+        """Of all views."""
+        return self.poses.cameras
+
+    @property
+    def used(self) -> Cameras:
+        """Of the views whose silhouettes count."""
+        return self.cameras.subset(np.flatnonzero(self.silhouettes.used))
+
+    def standing(self, canonical: Canonical) -> Scene:
+        """The object somewhere else before the same cameras."""
+        return replace(self, canonical=canonical)
+
+
+NO_FRAMES = Frames((), (), np.zeros((0, 2), int), np.zeros(0), np.zeros(0), ())
+
+
+def unseen(canonical: Canonical) -> Scene:
+    """An object that no camera saw: its shape alone was given."""
+    cameras = Cameras((), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), np.zeros((0, 2), int))
+    poses = Poses(cameras, (), np.zeros((0, 3)), np.zeros((0, 0), bool))
+    return Scene(poses, Silhouettes((), (), (), np.zeros(0, bool)), canonical)
 
 
 def camera_centres(cam_from_world: np.ndarray) -> np.ndarray:

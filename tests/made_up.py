@@ -11,7 +11,7 @@ import numpy as np
 import procmodels
 from recon.geometry.raster import iou, silhouettes
 from recon.outputs.result import Result
-from recon.scene import Cameras, Canonical, Frames, Poses, Silhouettes, cam_from_canonical
+from recon.scene import NO_FRAMES, Cameras, Canonical, Frames, Poses, Scene, Silhouettes, cam_from_canonical, unseen
 
 CHAIR = {"width": 0.5, "depth": 0.5, "leg_height": 0.4, "legs": "basic", "arms": "basic", "back": "vbar"}
 SIZES = np.array([(120, 90), (120, 90), (90, 120), (120, 90)])
@@ -61,11 +61,13 @@ def made_up(folder: Path, names: tuple[str, ...] = ("a.jpg", "b.JPG", "c <i>&.pn
         class_name="chair",
         params=dict(CHAIR),
         frames=frames,
-        poses=Poses(views, tuple(paths[i] for i in keep), points, rng.random((20, 3)) < 0.5, (names[1],)),
-        silhouettes=Silhouettes(
-            views.names, masks, ("grabcut",) * 3, np.array([True, True, False]), None, ((names[3], "it disagrees"),)
+        scene=Scene(
+            Poses(views, tuple(paths[i] for i in keep), points, rng.random((20, 3)) < 0.5, (names[1],)),
+            Silhouettes(
+                views.names, masks, ("grabcut",) * 3, np.array([True, True, False]), None, ((names[3], "it disagrees"),)
+            ),
+            canonical,
         ),
-        canonical=canonical,
         view_iou=np.array([iou(a, b) for a, b in zip(drawn, masks, strict=True)]),
         confidence=0.8,
         explanation="the outlines agree <well>",
@@ -80,12 +82,5 @@ def made_up(folder: Path, names: tuple[str, ...] = ("a.jpg", "b.JPG", "c <i>&.pn
 
 def without_views(result: Result) -> Result:
     """The same object, known from elsewhere than photos."""
-    empty = Cameras((), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), np.zeros((0, 2), int))
-    return replace(
-        result,
-        frames=Frames((), (), np.zeros((0, 2), int), np.zeros(0), np.zeros(0), ()),
-        poses=Poses(empty, (), np.zeros((0, 3)), np.zeros((0, 0), bool)),
-        silhouettes=Silhouettes((), (), (), np.zeros(0, bool)),
-        view_iou=np.zeros(0),
-        height_m=None,
-    )
+    scene = unseen(result.scene.canonical)
+    return replace(result, frames=NO_FRAMES, scene=scene, view_iou=np.zeros(0), height_m=None)

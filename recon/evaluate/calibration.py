@@ -19,13 +19,13 @@ from tqdm import tqdm
 
 from procmodels import Model, load
 from procmodels.space import Params
+from recon.evaluate.chair import from_silhouettes
 from recon.evaluate.data.held_out import cases
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.evaluate.robust import grown
 from recon.evaluate.rows import Row
-from recon.fitting import refine, view_starts
+from recon.fitting import refine
 from recon.fitting.uncertainty import FILE, Calibration, chance, quantile
-from recon.geometry import align, visual_hull
 from recon.scene import ReconError, Silhouettes
 from recon.system.whole_files import write_picture
 
@@ -64,12 +64,10 @@ def samples(options: CalibrationOptions) -> list[Sample]:
             if not file.is_file():
                 rng = np.random.default_rng([23, i])
                 cameras, place = orbit(int(rng.integers(options.views[0], options.views[1] + 1)), seed=i)
-                poses, masks = drawn_scene(case.shape, cameras, place)
-                masks = worn(masks, rng, options.growth)
+                scene = drawn_scene(case.shape, cameras, place)
+                scene = replace(scene, silhouettes=worn(scene.silhouettes, rng, options.growth))
                 try:
-                    where = align.run(poses, masks)
-                    fitted = view_starts.run(model, poses, masks, where, visual_hull.run(poses, masks, where))
-                    found = refine.run(model, poses, masks, where, fitted)
+                    found = from_silhouettes(model, scene)
                 except ReconError:
                     continue
                 file.write_text(json.dumps(asdict(_sample(model, found, case.params))))

@@ -26,7 +26,7 @@ from recon.evaluate.rows import Row
 from recon.fitting import refine, view_starts
 from recon.geometry import align, visual_hull
 from recon.geometry.raster import iou, silhouettes
-from recon.scene import Cameras, Canonical, Poses, ReconstructionError, Silhouettes, cam_from_canonical
+from recon.scene import Cameras, Canonical, ReconstructionError, Scene, cam_from_canonical
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "datasets" / "samples" / "chair"
@@ -132,8 +132,8 @@ def known_camera_rows(model: Model, work: Path, quick: bool) -> list[Row]:
     else:
         scenes = [(p, true_scene(t)) for p, t in rendered_sets(model, work)]
     right, errors, distances = 0, [], []
-    for params, (poses, masks) in tqdm(scenes, desc="known cameras", disable=None):
-        refined = from_silhouettes(model, poses, masks)
+    for params, scene in tqdm(scenes, desc="known cameras", disable=None):
+        refined = from_silhouettes(model, scene)
         right += _discrete_right(model, refined.params, params)
         errors.append(_scalar_error(model, refined.params, params))
         shape = model.build(refined.params)
@@ -147,11 +147,10 @@ def known_camera_rows(model: Model, work: Path, quick: bool) -> list[Row]:
     ]
 
 
-def from_silhouettes(model: Model, poses: Poses, masks: Silhouettes) -> refine.Refined:
-    """The stages after the photographs: align, hull, fit, refine."""
-    place = align.run(poses, masks)
-    solid = visual_hull.run(poses, masks, place)
-    return refine.run(model, poses, masks, place, view_starts.run(model, poses, masks, place, solid))
+def from_silhouettes(model: Model, scene: Scene) -> refine.Refined:
+    """The stages after the photographs: align, hull, fit, refine. Where the object stands is not taken as known."""
+    found = scene.standing(align.run(scene.poses, scene.silhouettes))
+    return refine.run(model, found, view_starts.run(model, found, visual_hull.run(found)))
 
 
 def network_rows(model: Model, shapes: int) -> list[Row]:

@@ -25,7 +25,7 @@ from recon.fitting.camera_search import find
 from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
 from recon.masks.silhouettes import SilhouetteOptions, judge
-from recon.scene import Poses, ReconError, Silhouettes
+from recon.scene import Poses, ReconError, Scene, Silhouettes
 
 VIEWS = 24
 DOUBT = 10.0  # degrees, what is said of a camera that is off
@@ -114,9 +114,9 @@ def run(options: RobustOptions) -> Iterator[Row]:
             found = []
             for i, case in enumerate(tqdm(held_out, desc=f"{name}, {way}", disable=None)):
                 cameras, place = orbit(VIEWS, seed=i)
-                poses, masks = drawn_scene(case.shape, cameras, place)
-                masks = judged(poses, spoil(masks, np.random.default_rng([11, i])))
-                found.append(distance(model, poses, masks, case.mesh))
+                scene = drawn_scene(case.shape, cameras, place)
+                spoilt = judged(scene.poses, spoil(scene.silhouettes, np.random.default_rng([11, i])))
+                found.append(distance(model, replace(scene, silhouettes=spoilt), case.mesh))
             mean = float(np.mean(found))
             if way == "exact":
                 base = mean
@@ -158,10 +158,10 @@ def judged(poses: Poses, masks: Silhouettes) -> Silhouettes:
     return replace(masks, used=used, reasons=tuple(reasons))
 
 
-def distance(model: Model, poses: Poses, masks: Silhouettes, mesh: trimesh.Trimesh) -> float:
+def distance(model: Model, scene: Scene, mesh: trimesh.Trimesh) -> float:
     """D_chamfer of the result in its own canonical frame; LOST without a result."""
     try:
-        refined = from_silhouettes(model, poses, masks)
+        refined = from_silhouettes(model, scene)
     except ReconError:
         return LOST
     return chamfer(model.build(refined.params).to_trimesh(), mesh)

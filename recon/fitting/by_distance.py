@@ -21,7 +21,7 @@ from recon.fitting.search import Schedule, solve
 from recon.fitting.shape_fit import ShapeFitOptions
 from recon.fitting.state import State
 from recon.geometry.object_windows import Crops, object_crops
-from recon.scene import Cameras, Canonical, Poses, Silhouettes
+from recon.scene import Cameras, Canonical, Scene
 from recon.shapes import shape_target
 
 
@@ -53,9 +53,7 @@ class DistanceSearch:
     def __init__(
         self,
         anywhere: Problem,
-        poses: Poses,
-        silhouettes: Silhouettes,
-        canonical: Canonical,
+        scene: Scene,
         options: DistanceOptions = DistanceOptions(),
     ) -> None:
         """`anywhere` has the masks in windows as its target, and the object in any place before their cameras.
@@ -64,8 +62,9 @@ class DistanceSearch:
         """
         masks = anywhere.target
         assert isinstance(masks, Masks)
+        silhouettes, canonical = scene.silhouettes, scene.canonical
         self.anywhere, self.options, self.canonical = anywhere, options, canonical
-        carved = object_crops(poses.cameras, silhouettes, canonical, options.carved)
+        carved = object_crops(scene, options.carved)
         views = anywhere.placement.views  # type: ignore[attr-defined]
         ground = -0.5
         if silhouettes.floor is not None:

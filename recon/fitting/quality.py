@@ -11,10 +11,11 @@ from procmodels.space import Params
 from recon.fitting import beliefs, evidence
 from recon.fitting.evidence import Evidence
 from recon.fitting.refine import Refined
+from recon.fitting.shape_fit import ShapeFit
 from recon.fitting.uncertainty import Certainty
 from recon.geometry.object_windows import object_crops
 from recon.geometry.raster import iou, silhouettes
-from recon.scene import Cameras, Canonical, Poses, Silhouettes, cam_from_canonical
+from recon.scene import Scene, Silhouettes, cam_from_canonical
 
 EXPLAINED = 0.85  # mean IoU below which something about the outlines is not of this class, or the masks are wrong
 CLEAR = 0.02  # how much IoU the best front should be ahead of the next
@@ -39,18 +40,19 @@ class Verdict:
     evidence: Evidence
 
 
-def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos: int, kind: str = "masks") -> Verdict:
+def run(model: Model, scene: Scene, refined: Refined, photos: int, kind: str = "masks") -> Verdict:
     """Judge a refined result; `photos` is how many were given, `kind` one of beliefs.KINDS."""
+    scene, masks = scene.standing(refined.canonical), scene.silhouettes
     drawn = silhouettes(
         model.build(refined.params),
-        poses.cameras.K,
-        cam_from_canonical(poses.cameras, refined.canonical),
-        poses.cameras.sizes,
+        scene.cameras.K,
+        cam_from_canonical(scene.cameras, scene.canonical),
+        scene.cameras.sizes,
     )
     view_iou = np.array([iou(d & masks.known(v), masks.masks[v]) for v, d in enumerate(drawn)])
     mean = float(view_iou[masks.used].mean())
     lead = refined.mean_iou - refined.next_front
-    found = evidence_in(model, refined.params, poses.cameras, masks, refined.canonical)
+    found = evidence_in(model, refined.params, scene)
     stated = beliefs.stated(refined.certainty, found, beliefs.table(model.space, kind))
     explanation = (
         f"outlines agree by {mean:.2f} (IoU), {int(masks.used.sum())} of {photos} photos used, "
@@ -69,10 +71,31 @@ def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos
     )
 
 
-def evidence_in(model: Model, params: Params, cameras: Cameras, masks: Silhouettes, canonical: Canonical) -> Evidence:
-    """What some of the used views say of the shape that stands at `canonical`."""
-    crops = object_crops(cameras, masks, canonical, evidence.WINDOW, evidence.VIEWS)
-    return evidence.of_outlines(model.space, params, model.build(params), crops, canonical)
+def of_shape(model: Model, found: ShapeFit, kind: str) -> Verdict:
+    """Judge a fit to a shape; `kind` is one of beliefs.KINDS. There are no views."""
+    stated = beliefs.stated(found.certainty, found.evidence, beliefs.table(model.space, kind))
+    said = beliefs.words(model.space.name, stated.confidence, found.evidence)
+    warnings = list(said)
+    if said:
+        warnings.append("a shape that lies on its side or faces another way is not recognised, either: --up, --front")
+    if not found.network:
+        warnings.append(f"there are no weights for {model.name}: the search began at random shapes alone")
+    return Verdict(
+        np.zeros(0),
+        float("nan"),
+        stated.confidence,
+        f"the surfaces are {100 * np.sqrt(found.distance / 2):.1f} % of the longest side apart on average",
+        tuple(warnings),
+        stated.confidence >= beliefs.DENIED,
+        stated.certainty,
+        found.evidence,
+    )
+
+
+def evidence_in(model: Model, params: Params, scene: Scene) -> Evidence:
+    """What some of the used views say of the shape that stands in the scene."""
+    crops = object_crops(scene, evidence.WINDOW, evidence.VIEWS)
+    return evidence.of_outlines(model.space, params, model.build(params), crops, scene.canonical)
 
 
 def _warnings(

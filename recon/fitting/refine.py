@@ -10,8 +10,6 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from procmodels import Model
 from procmodels.space import Params
 from recon.fitting import uncertainty, view_starts
@@ -26,7 +24,7 @@ from recon.fitting.state import State
 from recon.fitting.uncertainty import Certainty
 from recon.fitting.view_starts import FitResult
 from recon.geometry.object_windows import object_crops
-from recon.scene import Canonical, Poses, ReconstructionError, Silhouettes
+from recon.scene import Canonical, ReconstructionError, Scene
 
 log = logging.getLogger("recon")
 MET = 0.97  # mean IoU of outlines that are met to a pixel or two
@@ -94,22 +92,15 @@ class Refined:
         return self.mean_iou if self.overlap is None else self.overlap
 
 
-def run(
-    model: Model,
-    poses: Poses,
-    silhouettes: Silhouettes,
-    canonical: Canonical,
-    fitted: FitResult,
-    options: RefineOptions = RefineOptions(),
-) -> Refined:
+def run(model: Model, scene: Scene, fitted: FitResult, options: RefineOptions = RefineOptions()) -> Refined:
     """The best state found from the fit's candidates; never worse than the best of them by IoU, unless it stands
     where the object cannot be, or is much farther from the silhouettes' hull."""
-    problem = problem_of(model, poses, silhouettes, canonical, options)
-    found = solve(problem, _candidates(problem, canonical, fitted), options.schedule)
+    problem = problem_of(model, scene, options)
+    found = solve(problem, _candidates(problem, scene.canonical, fitted), options.schedule)
     search, best = Search(problem, options.schedule), found.state
     overlap: float | None = None
     if 1 - found.loss < MET:
-        near = _near(problem, poses, silhouettes, canonical)
+        near = _near(problem, scene)
         if near is not None and (nearest := near.better(best)) is not None:
             # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
             overlap, search, best = 1 - found.loss, Search(near.outlines, options.schedule), nearest
@@ -138,14 +129,11 @@ def turned(search: Search, state: State, by_outlines: bool = True) -> tuple[Stat
     return (best, neighbours) if round_ is best else (round_, search.polished_neighbours(round_))
 
 
-def problem_of(
-    model: Model, poses: Poses, silhouettes: Silhouettes, canonical: Canonical, options: RefineOptions
-) -> Problem:
+def problem_of(model: Model, scene: Scene, options: RefineOptions) -> Problem:
     """Masks in windows on the object, which stands anywhere; upright where the floor is known."""
-    crops = object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views)
-    return Problem(
-        model, Masks.of(crops, options.levels), Similarity(crops.cameras, upright=silhouettes.floor is not None)
-    )
+    crops = object_crops(scene, options.size, options.max_views)
+    upright = scene.silhouettes.floor is not None
+    return Problem(model, Masks.of(crops, options.levels), Similarity(crops.cameras, upright=upright))
 
 
 def _candidates(problem: Problem, canonical: Canonical, fitted: FitResult) -> Iterator[State]:
@@ -154,26 +142,19 @@ def _candidates(problem: Problem, canonical: Canonical, fitted: FitResult) -> It
         yield view_starts.state(problem, canonical, c.params, c.turn)
 
 
-def _near(problem: Problem, poses: Poses, silhouettes: Silhouettes, canonical: Canonical) -> DistanceSearch | None:
+def _near(problem: Problem, scene: Scene) -> DistanceSearch | None:
     """A search by distance, or None when the views leave no closed hull to measure from."""
-    if widest_gap(poses.cameras.subset(np.flatnonzero(silhouettes.used)), canonical) > OPEN:
+    if widest_gap(scene.used, scene.canonical) > OPEN:
         return None
     try:
-        return DistanceSearch(problem, poses, silhouettes, canonical)
+        return DistanceSearch(problem, scene)
     except ReconstructionError as error:
         log.info("not searched by distance: %s", error)
         return None
 
 
-def quick_iou(
-    model: Model,
-    poses: Poses,
-    silhouettes: Silhouettes,
-    canonical: Canonical,
-    fitted: FitResult,
-    options: RefineOptions = RefineOptions(),
-) -> float:
+def quick_iou(model: Model, scene: Scene, fitted: FitResult, options: RefineOptions = RefineOptions()) -> float:
     """Mean IoU of the fit's best candidate after one coarse polish: cheap evidence for or against a model."""
-    problem = problem_of(model, poses, silhouettes, canonical, options)
-    best = min(_candidates(problem, canonical, fitted), key=problem.loss)
+    problem = problem_of(model, scene, options)
+    best = min(_candidates(problem, scene.canonical, fitted), key=problem.loss)
     return 1 - problem.loss(descended(problem, best, 3, (0,)))

@@ -25,7 +25,7 @@ from recon.fitting.state import State
 from recon.geometry.align import quarter_turn
 from recon.geometry.object_windows import object_crops
 from recon.geometry.visual_hull import Hull, crop_operator
-from recon.scene import Canonical, InputError, Poses, Silhouettes
+from recon.scene import Canonical, InputError, Scene
 
 TURNS = (0, 1, 2, 3)
 
@@ -61,21 +61,14 @@ class FitResult:
     candidates: tuple[Candidate, ...]
 
 
-def run(
-    model: Model,
-    poses: Poses,
-    silhouettes: Silhouettes,
-    canonical: Canonical,
-    hull: Hull,
-    options: FitOptions = FitOptions(),
-) -> FitResult:
+def run(model: Model, scene: Scene, hull: Hull, options: FitOptions = FitOptions()) -> FitResult:
     """Candidates for refinement, of different choices or fronts. Raises InputError when the class's weights cannot be
     used."""
     try:
         network = load_network(model.space, model.weights)
     except WeightsError as error:
         raise InputError(str(error)) from error
-    crops = object_crops(poses.cameras, silhouettes, canonical, options.size, options.max_views)
+    crops = object_crops(scene, options.size, options.max_views)
     grids = np.stack([np.rot90(skin(hull.grid), -turn, (0, 1)) for turn in TURNS])
     told = [
         (params, turn)
@@ -83,7 +76,7 @@ def run(
         for params in answers
     ]
     if options.latent is not None and network.has_decoder:
-        operator = crop_operator(crops, canonical)
+        operator = crop_operator(crops, scene.canonical)
         objective = silhouette_objective(operator, operator.gather(torch.from_numpy(crops.masks)))
         begun = hull_starts(network, hull.grid, TURNS)
         told += [(f.params, f.turn) for f in fit(network, objective, options.latent, TURNS, begun, progress=True)]
@@ -91,7 +84,7 @@ def run(
     drawn = [model.space.sample(rng) for _ in range(options.random)]
     problem = Problem(model, Masks.of(crops, [options.look]), Similarity(crops.cameras))
     entries = [*told, *((params, turn) for params in drawn for turn in TURNS)]
-    return FitResult(_best(problem, canonical, entries, options.kept))
+    return FitResult(_best(problem, scene.canonical, entries, options.kept))
 
 
 def state(problem: Problem, canonical: Canonical, params: Params, turn: int) -> State:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from recon.scene import Cameras, Canonical, Silhouettes, cam_from_canonical
+from recon.scene import Cameras, Scene, cam_from_canonical
 
 
 @dataclass(frozen=True)
@@ -27,16 +27,15 @@ class Crops:
     valid: np.ndarray
 
 
-def object_crops(
-    cameras: Cameras, silhouettes: Silhouettes, canonical: Canonical, size: int, max_views: int | None = None
-) -> Crops:
+def object_crops(scene: Scene, size: int, max_views: int | None = None) -> Crops:
     """Windows of the used views; at most max_views of them, spread evenly over the list."""
+    silhouettes = scene.silhouettes
     views = np.flatnonzero(silhouettes.used)
     if max_views is not None and len(views) > max_views:
         views = views[np.linspace(0, len(views) - 1, max_views).round().astype(int)]
-    cameras = cameras.subset(views)
+    cameras = scene.cameras.subset(views)
     corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3)
-    poses = cam_from_canonical(cameras, canonical)
+    poses = cam_from_canonical(cameras, scene.canonical)
     K, masks, valid = cameras.K.copy(), [], []
     for i, view in enumerate(views):
         in_camera = corners @ poses[i, :3, :3].T + poses[i, :3, 3]

@@ -9,7 +9,7 @@ import torch
 
 from nnproc.ray_operator import RayOperator, ray_operator, visual_hull
 from recon.geometry.object_windows import Crops, object_crops
-from recon.scene import Canonical, Poses, ReconstructionError, Silhouettes, cam_from_canonical
+from recon.scene import Canonical, ReconstructionError, Scene, cam_from_canonical
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class Hull:
     grid: np.ndarray
 
 
-def run(poses: Poses, silhouettes: Silhouettes, canonical: Canonical, options: HullOptions = HullOptions()) -> Hull:
+def run(scene: Scene, options: HullOptions = HullOptions()) -> Hull:
     """Carve the canonical box. Raises ReconstructionError when nothing is left."""
-    crops = object_crops(poses.cameras, silhouettes, canonical, options.size)
-    operator = crop_operator(crops, canonical)
+    crops = object_crops(scene, options.size)
+    operator = crop_operator(crops, scene.canonical)
     min_views = min(options.min_views, len(crops.cameras))
     grid = visual_hull(operator, torch.from_numpy(crops.masks), options.agreement, min_views).numpy()
     if not grid.any():

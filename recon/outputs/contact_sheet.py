@@ -37,10 +37,10 @@ class Tile:
 
 def tiles(result: Result, shape: Shape, width: int) -> list[Tile]:
     """All photos in their order, `width` pixels wide, those without a camera in grey and without outlines."""
-    cameras = result.poses.cameras
+    cameras = result.scene.cameras
     placed = {name: i for i, name in enumerate(cameras.names)}
-    poses = cam_from_canonical(cameras, result.canonical)
-    reasons = dict(result.silhouettes.reasons)
+    poses = cam_from_canonical(cameras, result.scene.canonical)
+    reasons = dict(result.scene.silhouettes.reasons)
     out = []
     for name, path in zip(result.frames.names, result.frames.paths, strict=True):
         if name not in placed:
@@ -49,8 +49,8 @@ def tiles(result: Result, shape: Shape, width: int) -> list[Tile]:
             out.append(Tile(shown(name), cv2.cvtColor(_muted(small), cv2.COLOR_GRAY2RGB), None, False, "not placed"))
             continue
         i = placed[name]
-        image, mask = _read(result.poses.paths[i]), result.silhouettes.masks[i]
-        used = bool(result.silhouettes.used[i])
+        image, mask = _read(result.scene.poses.paths[i]), result.scene.silhouettes.masks[i]
+        used = bool(result.scene.silhouettes.used[i])
         note = "" if used else shown(reasons.get(name, "not used"))
         picture = _overlay(image, mask, shape, cameras.K[i], poses[i], width)
         out.append(Tile(shown(name), picture, result.view_iou[i], used, note))

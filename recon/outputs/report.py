@@ -45,7 +45,7 @@ def words(result: Result, asset: Asset) -> Words:
     traits = [t for p in asset.space.parameters if p.name in active and (t := _trait(p, values[p.name]))]
     article = _article(result.class_name)
     what = f"{article} {spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
-    used, given = int(result.silhouettes.used.sum()), len(result.frames.names)
+    used, given = int(result.scene.silhouettes.used.sum()), len(result.frames.names)
     text = f"{what}; {_size(asset)}. "
     title = spaced(result.class_name).capitalize()
     if not result.belongs:
@@ -53,7 +53,7 @@ def words(result: Result, asset: Asset) -> Words:
         nearest = text[0].lower() + text[1:]
         text = f"This is probably no {spaced(result.class_name)}. The nearest that can be made: {nearest}"
     if used:
-        score = float(result.view_iou[result.silhouettes.used].mean())
+        score = float(result.view_iou[result.scene.silhouettes.used].mean())
         how = (
             f"{used} of {counted(result)} used; mean outline" if given > 1 else f"{seen(result).capitalize()}; outline"
         )

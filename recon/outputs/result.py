@@ -8,7 +8,7 @@ import numpy as np
 
 from procmodels.space import Params
 from recon.fitting.uncertainty import Certainty
-from recon.scene import Canonical, Frames, Poses, Silhouettes
+from recon.scene import Frames, Scene
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Result:
     """Everything that the last stage writes down.
 
     class_name    the procedural model's name, params its values
+    scene         the views, their silhouettes, and where the result stands; no views when the input was a shape
     view_iou      (V,) float, agreement of the re-rendered outline with the mask in every registered view
     confidence    0..1, with its explanation in words
     alternatives  (description, mean IoU) of runners-up, best first
@@ -55,9 +56,7 @@ class Result:
     class_name: str
     params: Params
     frames: Frames
-    poses: Poses
-    silhouettes: Silhouettes
-    canonical: Canonical
+    scene: Scene
     view_iou: np.ndarray
     confidence: float
     explanation: str
@@ -75,16 +74,14 @@ class Result:
     belongs: bool = True
 
     def __post_init__(self) -> None:
-        n = len(self.poses.cameras)
+        n = len(self.scene.cameras)
         if self.view_iou.shape != (n,):
             raise ValueError(f"view_iou must be ({n},), got {self.view_iou.shape}")
-        if self.silhouettes.names != self.poses.cameras.names:
-            raise ValueError("silhouettes and cameras must name the same views in the same order")
 
 
 def seen(result: Result) -> str:
     """The views and their cameras in words, as in "26 of 28 photos registered" or "one image, camera estimated"."""
-    n, of = len(result.poses.cameras), len(result.frames.names)
+    n, of = len(result.scene.cameras), len(result.frames.names)
     if result.placed == REGISTERED:
         return f"{n} of {counted(result)} {REGISTERED}"
     some = "" if n == of else f"{n} of "

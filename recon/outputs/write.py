@@ -69,8 +69,8 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
         drawn = pool.submit(render_previews, asset.shape, options.renders, size)  # while Blender writes the meshes
         _write_meshes(fresh, asset, options)
         _write_json(fresh / "params.json", params_content(result, asset))
-        if len(result.poses.cameras):
-            camera_export.write(fresh / "cameras", result.poses)
+        if len(result.scene.cameras):
+            camera_export.write(fresh / "cameras", result.scene.poses)
             export_obj(asset, fresh / "cameras" / "mesh.obj", world=True)
             _write_masks(fresh / "masks", result)
         renders = drawn.result()
@@ -102,13 +102,13 @@ def _certainty(result: Result) -> dict[str, Any]:
 
 def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
     """What report.json holds, names as they can be shown; mean_iou is over the used views, None without views."""
-    used = result.silhouettes.used
-    reasons = dict(result.silhouettes.reasons)
+    used = result.scene.silhouettes.used
+    reasons = dict(result.scene.silhouettes.reasons)
     views = [
         {"name": name, "iou": round(float(score), 4), "used": bool(use), "mask": source}
         | ({"reason": reasons[name]} if name in reasons else {})
         for name, score, use, source in zip(
-            result.silhouettes.names, result.view_iou, used, result.silhouettes.source, strict=True
+            result.scene.silhouettes.names, result.view_iou, used, result.scene.silhouettes.source, strict=True
         )
     ]
     seconds = {**result.seconds, "outputs": round(outputs_seconds, 2)}
@@ -124,10 +124,10 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         **_certainty(result),
         "alternatives": _alternatives(result),
         "registered": {
-            "n": len(result.poses.cameras),
+            "n": len(result.scene.cameras),
             "of": len(result.frames.names),
             "how": seen(result),
-            "missing": list(result.poses.unregistered),
+            "missing": list(result.scene.poses.unregistered),
             "unreadable": [{"name": name, "reason": reason} for name, reason in result.frames.skipped],
         },
         "views": views,
@@ -165,11 +165,11 @@ def params_content(result: Result, asset: Asset) -> dict[str, Any]:
         "parameters": {p.name: _parameter(p, asset) for p in asset.space.parameters},
         "canonical_frame": "X right, faces -Y, Z up, bounding box centred on the origin, longest side 1",
         "size_canonical": [round(float(x), 6) for x in extent],
-        "world_from_canonical": result.canonical.world_from_canonical.tolist(),
+        "world_from_canonical": result.scene.canonical.world_from_canonical.tolist(),
         "mesh_from_canonical": asset.mesh_from_canonical.tolist(),
         "height_metres": result.height_m,
         "metres_per_canonical_unit": metres,
-        "metres_per_sfm_unit": None if metres is None else metres / result.canonical.scale,
+        "metres_per_sfm_unit": None if metres is None else metres / result.scene.canonical.scale,
         "size_metres": None if metres is None else [round(float(x) * metres, 6) for x in extent],
     }
 
@@ -196,7 +196,7 @@ def asset_of(result: Result, model: Model) -> Asset:
     height = float(np.ptp(shape.bounds(), axis=0)[2])
     metres = None if result.height_m is None else result.height_m / height
     lengths = {} if metres is None else model.lengths(result.params, metres)
-    world = result.canonical.world_from_canonical
+    world = result.scene.canonical.world_from_canonical
     return Asset(shape, model.space, result.params, metres, world, model.live_object, lengths)
 
 
@@ -210,7 +210,9 @@ def _write_meshes(folder: Path, asset: Asset, options: OutputsOptions) -> None:
 def _write_masks(folder: Path, result: Result) -> None:
     """White = object; sizes and names as the images beside the cameras."""
     folder.mkdir()
-    for stem, mask in zip(camera_export.stems(result.silhouettes.names), result.silhouettes.masks, strict=True):
+    for stem, mask in zip(
+        camera_export.stems(result.scene.silhouettes.names), result.scene.silhouettes.masks, strict=True
+    ):
         write_picture(folder / f"{stem}.png", np.where(mask, 255, 0).astype(np.uint8))
 
 

@@ -18,7 +18,7 @@ from recon.fitting.refine import Refined, RefineOptions
 from recon.fitting.view_starts import FitOptions, FitResult
 from recon.geometry.visual_hull import Hull
 from recon.pipelines import checks
-from recon.scene import Canonical, InputError, Poses, Silhouettes
+from recon.scene import InputError, Scene
 from recon.system.digests import file_digest
 
 log = logging.getLogger("recon")
@@ -88,7 +88,7 @@ def key(model: Model) -> list[str]:
 def run(
     stage: RunStage,
     models: list[Model],
-    scene: tuple[Poses, Silhouettes, Canonical],
+    scene: Scene,
     hull: Hull,
     fit_options: FitOptions,
     refine_options: RefineOptions,
@@ -105,7 +105,7 @@ def run(
 
     def finals() -> Finals:
         pairs = zip(finalists, first.fits, strict=True)
-        return Finals(tuple(refine.run(model, *scene, fitted, refine_options) for model, fitted in pairs))
+        return Finals(tuple(refine.run(model, scene, fitted, refine_options) for model, fitted in pairs))
 
     final: Finals = stage("refine", [refine_options, options], finals)
     return choose(finalists, final, first, options)
@@ -113,7 +113,7 @@ def run(
 
 def first_round(
     models: list[Model],
-    scene: tuple[Poses, Silhouettes, Canonical],
+    scene: Scene,
     hull: Hull,
     fit_options: FitOptions,
     refine_options: RefineOptions,
@@ -123,12 +123,12 @@ def first_round(
     short = replace(fit_options, random=options.random, kept=options.kept, latent=None)
     scored = []
     for model in models:
-        fitted = view_starts.run(model, *scene, hull, short)
-        score = refine.quick_iou(model, *scene, fitted, refine_options)
+        fitted = view_starts.run(model, scene, hull, short)
+        score = refine.quick_iou(model, scene, fitted, refine_options)
         log.info("  %s: outlines agree by %.2f after a short fit", model.name, score)
         scored.append((score, model))
     scored.sort(key=lambda pair: -pair[0])
-    fits = [view_starts.run(model, *scene, hull, fit_options) for _, model in scored[: options.finalists]]
+    fits = [view_starts.run(model, scene, hull, fit_options) for _, model in scored[: options.finalists]]
     return FirstRound(tuple((model.name, score) for score, model in scored), tuple(fits))
 
 

@@ -21,12 +21,12 @@ from recon.masks import single_mask
 from recon.masks.single_mask import Masked
 from recon.outputs import write as outputs
 from recon.outputs.result import Result
-from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, class_selection, out_folder, single_view
+from recon.pipelines import checks, class_selection, out_folder, results, single_view
+from recon.pipelines.results import About
 from recon.pipelines.single_view import ImageOptions, Searched
 from recon.pipelines.stages import LAST, Stages
-from recon.scene import Cameras, Poses, Silhouettes
+from recon.scene import Cameras, Poses, Scene, Silhouettes
 from recon.store import dataclasses_of
 from recon.system.digests import digest_of_input
 
@@ -106,29 +106,18 @@ def _result(
     poses = Poses(cameras, masked.frames.paths, np.zeros((0, 3)), np.zeros((0, 1), bool))
     unknown = () if masked.known is None else (~masked.known,)
     silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool), unknown=unknown)
-    verdict = _judged(quality.run(model, poses, silhouettes, found.refined, 1, "image"), view, found)
-    return Result(
-        class_name=model.name,
-        params=found.refined.params,
-        frames=masked.frames,
-        poses=poses,
-        silhouettes=silhouettes,
-        canonical=found.refined.canonical,
-        view_iou=verdict.view_iou,
-        confidence=verdict.confidence,
-        explanation=verdict.explanation,
-        alternatives=found.refined.alternatives,
-        seconds=seconds,
-        warnings=(*masked.warnings, *verdict.warnings),
-        seed=options.seed,
-        height_m=options.height,
-        versions=versions(),
+    seen = Scene(poses, silhouettes, found.refined.canonical)
+    verdict = _judged(quality.run(model, seen, found.refined, 1, "image"), view, found)
+    about = About(
+        seconds,
+        options.seed,
+        options.height,
+        warnings=masked.warnings,
         classes=searched.classes,
-        certainty=verdict.certainty,
-        belongs=verdict.belongs,
         views="masks" if masked.source == "user" and options.mask is None else "images",
         placed="estimated" if view.cam_from_model is None else "given",
     )
+    return results.of_views(model, masked.frames, seen, found.refined, verdict, about)
 
 
 def _judged(verdict: Verdict, view: OneView, found: FoundView) -> Verdict:

@@ -6,7 +6,7 @@ and cameras move together until the outlines of all views agree. World frame: th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +28,12 @@ from recon.geometry.view_geometry import guessed_K
 from recon.masks import single_mask
 from recon.outputs import write
 from recon.outputs.result import Result
-from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, class_selection, out_folder, single_view
+from recon.pipelines import checks, class_selection, out_folder, results, single_view
+from recon.pipelines.results import About
 from recon.pipelines.single_view import ImageOptions
 from recon.pipelines.stages import LAST, Stages
-from recon.scene import Cameras, Canonical, Frames, InputError, Poses, Silhouettes
+from recon.scene import Cameras, Canonical, Frames, InputError, Poses, Scene, Silhouettes
 from recon.store import dataclasses_of
 from recon.system.folders import digest_of
 
@@ -140,29 +140,11 @@ def _result(
     silhouettes = Silhouettes(shot.names, drawn, ("user",) * n, np.ones(n, bool), unknown=unknown)
     place = Canonical(np.eye(4))
     refined = Refined(answer.params, place, answer.mean_iou, answer.mean_iou, answer.alternatives, answer.certainty)
-    verdict = quality.run(model, poses, silhouettes, refined, n, "image")
-    return Result(
-        class_name=model.name,
-        params=answer.params,
-        frames=shot,
-        poses=poses,
-        silhouettes=silhouettes,
-        canonical=refined.canonical,
-        view_iou=verdict.view_iou,
-        confidence=verdict.confidence,
-        explanation=f"{n} outlines, mean agreement {verdict.mean_iou:.2f} (IoU), their cameras found with the shape",
-        alternatives=answer.alternatives,
-        seconds=seconds,
-        warnings=(*masks.warnings, *verdict.warnings),
-        seed=options.seed,
-        height_m=options.height,
-        versions=versions(),
-        classes=answer.classes,
-        certainty=verdict.certainty,
-        belongs=verdict.belongs,
-        views="masks",
-        placed="estimated",
-    )
+    seen = Scene(poses, silhouettes, place)
+    verdict = quality.run(model, seen, refined, n, "image")
+    explanation = f"{n} outlines, mean agreement {verdict.mean_iou:.2f} (IoU), their cameras found with the shape"
+    about = About(seconds, options.seed, options.height, masks.warnings, answer.classes, "masks", "estimated")
+    return results.of_views(model, shot, seen, refined, replace(verdict, explanation=explanation), about)
 
 
 KNOWN = (*dataclasses_of(scene, one_view, uncertainty), MaskSet, JointAnswer)  # what results are made of

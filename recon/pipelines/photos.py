@@ -17,12 +17,12 @@ from recon.geometry import align
 from recon.geometry import visual_hull as hull
 from recon.masks import silhouettes
 from recon.outputs import write as outputs
-from recon.outputs.result import REGISTERED, Result
-from recon.outputs.versions import versions
+from recon.outputs.result import REGISTERED
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, class_selection, out_folder, photo_source
+from recon.pipelines import checks, class_selection, out_folder, photo_source, results
+from recon.pipelines.results import About
 from recon.pipelines.stages import LAST, Redo, Stages
-from recon.scene import InputError
+from recon.scene import InputError, Scene
 from recon.store import dataclasses_of
 from recon.system.folders import digest_of
 
@@ -94,34 +94,22 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         lambda: silhouettes.run(shots, placed, drawn, work, options.silhouettes),
     )
     place = stages.run("align", options.align, lambda: align.run(placed, masks, options.align))
-    solid = stages.run("hull", options.hull, lambda: hull.run(placed, masks, place, options.hull))
-    chosen = _chosen(stages, models, (placed, masks, place), solid, options)
-    model, refined = chosen.model, chosen.refined
-    verdict = quality.run(model, placed, masks, refined, len(shots.names))
-    result = Result(
-        class_name=model.name,
-        params=refined.params,
-        frames=shots,
-        poses=placed,
-        silhouettes=masks,
-        canonical=refined.canonical,
-        view_iou=verdict.view_iou,
-        confidence=verdict.confidence,
-        explanation=verdict.explanation,
-        alternatives=refined.alternatives,
-        seconds=stages.seconds,
-        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings, *verdict.warnings),
-        seed=options.seed,
-        height_m=options.height,
-        versions=versions(),
+    seen = Scene(placed, masks, place)
+    solid = stages.run("hull", options.hull, lambda: hull.run(seen, options.hull))
+    chosen = _chosen(stages, models, seen, solid, options)
+    verdict = quality.run(chosen.model, seen, chosen.refined, len(shots.names))
+    about = About(
+        stages.seconds,
+        options.seed,
+        options.height,
+        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings),
         classes=chosen.classes,
-        certainty=verdict.certainty,
-        belongs=verdict.belongs,
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
     )
+    result = results.of_views(chosen.model, shots, seen, chosen.refined, verdict, about)
     stages.last()
-    return outputs.run(result, out, options.outputs, model)
+    return outputs.run(result, out, options.outputs, chosen.model)
 
 
 def _placed(
@@ -139,7 +127,7 @@ def _placed(
 def _chosen(
     stages: Stages,
     models: list[Model],
-    seen: tuple[scene.Poses, scene.Silhouettes, scene.Canonical],
+    seen: Scene,
     solid: hull.Hull,
     options: ReconOptions,
 ) -> class_selection.Chosen:
@@ -148,8 +136,8 @@ def _chosen(
         return class_selection.run(stages.run, models, seen, solid, options.fit, options.refine, options.auto)
     model = models[0]
     key = [options.fit, class_selection.key(model)]
-    found = stages.run("fit", key, lambda: fit.run(model, *seen, solid, options.fit))
-    refined = stages.run("refine", options.refine, lambda: refine.run(model, *seen, found, options.refine))
+    found = stages.run("fit", key, lambda: fit.run(model, seen, solid, options.fit))
+    refined = stages.run("refine", options.refine, lambda: refine.run(model, seen, found, options.refine))
     return class_selection.Chosen(model, refined)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from procmodels import Model
 from recon import scene
 from recon.files.recognise import Recognised
-from recon.fitting import beliefs, evidence, shape_fit, uncertainty
+from recon.fitting import evidence, quality, shape_fit, uncertainty
 from recon.outputs import write as outputs
 from recon.outputs.result import Result, ShapeEvidence
-from recon.outputs.versions import versions
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, class_selection, out_folder
+from recon.pipelines import checks, class_selection, out_folder, results
+from recon.pipelines.results import About
 from recon.pipelines.stages import LAST, Redo, Stages
 from recon.scene import InputError
 from recon.shapes import shape_target
@@ -84,37 +84,11 @@ def _result(
     found = fits[model.name]
     forward = np.linalg.inv(found.canonical.world_from_canonical)
     points = target.points @ forward[:3, :3].T + forward[:3, 3]
-    believed = beliefs.table(model.space, shape_fit.kind_of(target))
-    stated = beliefs.stated(found.certainty, found.evidence, believed)
-    said = beliefs.words(model.space.name, stated.confidence, found.evidence)
-    warnings = [*target.warnings, *said]
-    if said:
-        warnings.append("a shape that lies on its side or faces another way is not recognised, either: --up, --front")
-    if not found.network:
-        warnings.append(f"there are no weights for {model.name}: the search began at random shapes alone")
-    explanation = f"the surfaces are {100 * np.sqrt(found.distance / 2):.1f} % of the longest side apart on average"
+    met = ShapeEvidence(target.kind, target.what, found.hypothesis, found.distance, points, found.alternatives)
+    verdict = quality.of_shape(model, found, shape_fit.kind_of(target))
     if len(fits) > 1:
         ranked = sorted(fits.items(), key=lambda pair: pair[1].distance)
-        explanation += "; tried " + ", ".join(f"{name} {fit.distance:.4f}" for name, fit in ranked)
-    none = np.zeros(0)
-    empty = scene.Cameras((), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), np.zeros((0, 2), int))
-    return Result(
-        class_name=model.name,
-        params=found.params,
-        frames=scene.Frames((), (), np.zeros((0, 2), int), none, none, ()),
-        poses=scene.Poses(empty, (), np.zeros((0, 3)), np.zeros((0, 0), bool)),
-        silhouettes=scene.Silhouettes((), (), (), np.zeros(0, bool)),
-        canonical=found.canonical,
-        view_iou=none,
-        confidence=stated.confidence,
-        explanation=explanation,
-        alternatives=(),
-        seconds=seconds,
-        warnings=tuple(warnings),
-        seed=options.seed,
-        height_m=options.height,
-        versions=versions(),
-        certainty=stated.certainty,
-        belongs=stated.confidence >= beliefs.DENIED,
-        shape=ShapeEvidence(target.kind, target.what, found.hypothesis, found.distance, points, found.alternatives),
-    )
+        tried = ", ".join(f"{name} {fit.distance:.4f}" for name, fit in ranked)
+        verdict = replace(verdict, explanation=f"{verdict.explanation}; tried {tried}")
+    about = About(seconds, options.seed, options.height, target.warnings)
+    return results.of_shape(model, found, met, verdict, about)

@@ -20,7 +20,7 @@ def scene():
     model = load("chair")
     shape = model.build(model.space.sample(np.random.default_rng(3)))
     cameras, place = orbit(16, seed=2)
-    return *drawn_scene(shape, cameras, place), place
+    return drawn_scene(shape, cameras, place)
 
 
 def test_grey_areas_are_unknown_and_soft_edges_are_not(tmp_path):
@@ -40,12 +40,12 @@ def test_grey_areas_are_unknown_and_soft_edges_are_not(tmp_path):
 
 
 def test_unknown_pixels_are_out_of_the_comparison(scene):
-    poses, masks, place = scene
+    masks = scene.silhouettes
     hidden = robust.cut_off(masks, np.random.default_rng(0))
     views = [v for v, u in enumerate(hidden.unknown) if u is not None]
     assert len(views) == 5
-    crops = object_crops(poses.cameras, hidden, place, 64)
-    whole = object_crops(poses.cameras, masks, place, 64)
+    crops = object_crops(replace(scene, silhouettes=hidden), 64)
+    whole = object_crops(scene, 64)
     for v in range(16):
         fewer = whole.valid[v] & ~crops.valid[v]
         assert fewer.any() == (v in views)
@@ -54,7 +54,7 @@ def test_unknown_pixels_are_out_of_the_comparison(scene):
 
 
 def test_alignment_does_not_cut_where_masks_say_nothing(scene):
-    poses, masks, _ = scene
+    poses, masks = scene.poses, scene.silhouettes
     before = align.run(poses, masks).world_from_canonical
     after = align.run(poses, robust.cut_off(masks, np.random.default_rng(0))).world_from_canonical
     size = np.cbrt(np.linalg.det(before[:3, :3]))
@@ -63,7 +63,7 @@ def test_alignment_does_not_cut_where_masks_say_nothing(scene):
 
 
 def test_replaced_masks_are_put_aside(scene):
-    poses, masks, _ = scene
+    poses, masks = scene.poses, scene.silhouettes
     spoilt = robust.replaced(0.2)(masks, np.random.default_rng(1))
     changed = {n for n, a, b in zip(masks.names, masks.masks, spoilt.masks, strict=True) if not np.array_equal(a, b)}
     found = robust.judged(poses, spoilt)

@@ -54,7 +54,8 @@ def test_views_show_the_whole_object(chair):
         assert azimuth < 66 or azimuth > 294  # the front is in view
         redrawn = silhouettes(chair[1], K[None], pose[None], np.array([mask.shape[::-1]]))[0]
         assert iou(mask, redrawn) > 0.99
-    poses, masks, _ = all_round(mesh, 4, 0)
+    seen = all_round(mesh, 4, 0)
+    poses, masks = seen.poses, seen.silhouettes
     assert len(poses.cameras) == 4
     assert all(m.any() for m in masks.masks)
 

@@ -33,8 +33,7 @@ def without(shape, word):
 
 def outlines(shape, seen, params):
     cameras, place = orbit(6, seed=1)
-    poses, masks = drawn_scene(seen, cameras, place)
-    crops = object_crops(poses.cameras, masks, place, evidence.WINDOW, evidence.VIEWS)
+    crops = object_crops(drawn_scene(seen, cameras, place), evidence.WINDOW, evidence.VIEWS)
     return evidence.of_outlines(SPACE, params, shape, crops, place)
 
 

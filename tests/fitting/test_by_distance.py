@@ -13,15 +13,15 @@ from recon.fitting.hull_target import Hull
 from recon.fitting.refine import RefineOptions
 from recon.fitting.search import solve
 from recon.geometry.object_windows import object_crops
-from recon.scene import Canonical, Poses, Silhouettes
+from recon.scene import Scene
 
 CHAIR = {"width": 0.62, "depth": 0.47, "leg_height": 0.41, "legs": "basic", "arms": "solid", "back": "hbar"}
 
 
-def _hull(mesh: trimesh.Trimesh) -> tuple[Hull, Poses, Silhouettes, Canonical]:
-    poses, masks, place = all_round(mesh, 16, 0)
-    crops = [object_crops(poses.cameras, masks, place, size) for size in (224, 112)]
-    return Hull(*crops, place, -0.25), poses, masks, place
+def _hull(mesh: trimesh.Trimesh) -> tuple[Hull, Scene]:
+    scene = all_round(mesh, 16, 0)
+    crops = [object_crops(scene, size) for size in (224, 112)]
+    return Hull(*crops, scene.canonical, -0.25), scene
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +44,11 @@ def test_places_outside_count_by_their_distance_and_places_inside_do_not(box):
 
 
 def test_outlines_that_cover_the_hull_leave_nothing_and_missing_ones_leave_their_distance(box):
-    hull, poses, masks, place = box
-    drawn = object_crops(poses.cameras, masks, place, 112).masks >= 0.5
+    hull, scene = box
+    drawn = object_crops(scene, 112).masks >= 0.5
     assert hull.left_empty(drawn)[0].max() < 0.03
     shorter = all_round(trimesh.creation.box((0.6, 0.6, 0.5)), 16, 0)
-    short = object_crops(shorter[0].cameras, shorter[1], place, 112).masks >= 0.5
+    short = object_crops(shorter.standing(scene.canonical), 112).masks >= 0.5
     ends = np.abs(hull.points[:, 0]) > 0.49
     assert 0.1 < np.median(hull.left_empty(short)[0][ends]) < 0.25  # 0.2 is missing at each end
 
@@ -63,9 +63,9 @@ def searched(chair):
     ]
     mesh = trimesh.util.concatenate([seat, back, *feet])
     mesh.apply_translation(-mesh.bounds.mean(0)).apply_scale(1 / np.ptp(mesh.bounds, axis=0).max())
-    poses, masks, place = all_round(mesh, 16, 1)
-    problem = refine.problem_of(chair, poses, masks, place, RefineOptions(size=96))
-    return DistanceSearch(problem, poses, masks, place), place
+    scene = all_round(mesh, 16, 1)
+    problem = refine.problem_of(chair, scene, RefineOptions(size=96))
+    return DistanceSearch(problem, scene), scene.canonical
 
 
 def test_an_answer_stands_on_the_floor_as_long_as_the_object(searched):
@@ -101,34 +101,37 @@ def test_a_floating_answer_is_replaced_by_one_that_stands(searched, nearest):
 
 
 def test_one_mask_with_a_hole_does_not_pierce_a_forgiving_hull(box):
-    _, poses, masks, place = box
+    scene = box[1]
+    masks = scene.silhouettes
     holed = masks.masks[3].copy()
     rows, columns = np.nonzero(holed)
     middle, across = int(rows.mean()), int(columns.mean())
     holed[middle - 25 : middle + 25, across - 25 : across + 25] = False
     masks = replace(masks, masks=(*masks.masks[:3], holed, *masks.masks[4:]))
-    crops = [object_crops(poses.cameras, masks, place, size) for size in (224, 112)]
-    strict, forgiving = (Hull(*crops, place, -0.25, f) for f in (False, True))
+    crops = [object_crops(replace(scene, silhouettes=masks), size) for size in (224, 112)]
+    strict, forgiving = (Hull(*crops, scene.canonical, -0.25, f) for f in (False, True))
     inside = np.random.default_rng(0).uniform(-0.45, 0.45, (500, 3)) * (1, 0.6, 0.5)
     assert (strict.sticking_out(inside) > 0).any()
     assert (forgiving.sticking_out(inside) == 0).all()
 
 
-def _near(model, poses, masks, place):
-    return refine._near(refine.problem_of(model, poses, masks, place, RefineOptions()), poses, masks, place)
+def _near(model, scene, masks):
+    seen = replace(scene, silhouettes=masks)
+    return refine._near(refine.problem_of(model, seen, RefineOptions()), seen)
 
 
 def test_masks_that_contradict_each_other_leave_the_answer_as_it_is(chair, box):
-    _, poses, masks, place = box
+    scene = box[1]
+    masks = scene.silhouettes
     apart = tuple(np.roll(m, 260 * (-1) ** i, 1) for i, m in enumerate(masks.masks))
-    assert _near(chair, poses, replace(masks, masks=apart), place) is None
+    assert _near(chair, scene, replace(masks, masks=apart)) is None
 
 
 def test_views_from_one_side_leave_no_hull_to_measure_from(chair, box):
-    _, poses, masks, place = box
+    poses, masks, place = box[1].poses, box[1].silhouettes, box[1].canonical
     assert widest_gap(poses.cameras, place) < 60
     centres = (poses.cameras.centres() - place.world_from_canonical[:3, 3]) @ place.world_from_canonical[:3, :3]
     front = masks.used & (centres[:, 1] < 0)
     assert 170 < widest_gap(poses.cameras.subset(np.flatnonzero(front)), place) < 260
     assert widest_gap(poses.cameras.subset([0]), place) == 360
-    assert _near(chair, poses, replace(masks, used=front), place) is None
+    assert _near(chair, box[1], replace(masks, used=front)) is None

@@ -38,8 +38,7 @@ SHORT = Schedule(sweeps=2, tries=2, steps=(3, 2, 6), fronts=False)
 def windows(model, params, views=8, size=112) -> tuple[Crops, Canonical]:
     """Windows on the exact masks of a shape, and where it stands."""
     cameras, place = orbit(views, seed=3)
-    poses, masks = drawn_scene(model.build(params), cameras, place)
-    return object_crops(poses.cameras, masks, place, size), place
+    return object_crops(drawn_scene(model.build(params), cameras, place), size), place
 
 
 def nudge(seed: int, degrees: float = 4, shift: float = 0.03, growth: float = 1.04) -> np.ndarray:

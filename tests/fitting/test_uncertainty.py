@@ -23,15 +23,15 @@ def scene():
     model = load("chair")
     params = model.space.sample(np.random.default_rng(8))
     cameras, place = orbit(8, seed=3)
-    return model, params, *drawn_scene(model.build(params), cameras, place), place
+    return model, params, drawn_scene(model.build(params), cameras, place)
 
 
 def search_of(scene, views=8):
-    model, params, poses, masks, place = scene
-    masks = replace(masks, used=np.arange(8) < views)
+    model, params, seen = scene
+    seen = replace(seen, silhouettes=replace(seen.silhouettes, used=np.arange(8) < views))
     options = RefineOptions(size=96)
-    problem = refine.problem_of(model, poses, masks, place, options)
-    return Search(problem, options.schedule), problem.state(params, place.world_from_canonical)
+    problem = refine.problem_of(model, seen, options)
+    return Search(problem, options.schedule), problem.state(params, seen.canonical.world_from_canonical)
 
 
 def test_the_truth_lies_in_its_intervals_and_fewer_views_widen_them(scene):

@@ -15,11 +15,11 @@ CHAIR = {"width": 0.45, "depth": 0.55, "leg_height": 0.45, "legs": "support", "a
 @pytest.fixture(scope="module")
 def scene(chair):
     cameras, truth = orbit(20, seed=3)
-    return (*drawn_scene(chair.build(CHAIR), cameras, truth), truth)
+    return drawn_scene(chair.build(CHAIR), cameras, truth)
 
 
 def test_the_box_is_found_up_to_the_front(scene):
-    poses, masks, truth = scene
+    poses, masks, truth = scene.poses, scene.silhouettes, scene.canonical
     found = align.run(poses, masks)
     turn = np.linalg.inv(found.world_from_canonical) @ truth.world_from_canonical
     scale = np.linalg.norm(turn[:3, 0])
@@ -31,7 +31,7 @@ def test_the_box_is_found_up_to_the_front(scene):
 
 
 def test_one_of_four_fronts_is_the_true_one(scene):
-    poses, masks, truth = scene
+    poses, masks, truth = scene.poses, scene.silhouettes, scene.canonical
     errors = []
     for h in align.front_hypotheses(align.run(poses, masks)):
         turn = np.linalg.inv(h.world_from_canonical) @ truth.world_from_canonical
@@ -58,7 +58,7 @@ def test_the_floor_frame_stands_on_the_floor(rng):
 
 
 def test_what_cannot_be_aligned_is_said(scene):
-    poses, masks, _ = scene
+    poses, masks = scene.poses, scene.silhouettes
     n = len(masks.names)
     without = Silhouettes(masks.names, masks.masks, masks.source, masks.used)
     with pytest.raises(ReconstructionError, match="floor"):
@@ -76,21 +76,19 @@ def test_what_cannot_be_aligned_is_said(scene):
 
 def test_windows_show_what_the_photos_show(scene, chair):
     """A shape drawn in a window's camera is the shape drawn in the photo, cut and resized."""
-    poses, masks, truth = scene
-    crops = object_crops(poses.cameras, masks, truth, 96)
+    crops = object_crops(scene, 96)
     assert crops.masks.shape == crops.valid.shape == (20, 96, 96)
     drawn = rasterised(
-        chair.build(CHAIR), crops.cameras.K, cam_from_canonical(crops.cameras, truth), crops.cameras.sizes
+        chair.build(CHAIR), crops.cameras.K, cam_from_canonical(crops.cameras, scene.canonical), crops.cameras.sizes
     )
     hard = crops.masks >= 0.5
     assert np.mean(np.stack(drawn) != hard) < 0.003
-    assert len(object_crops(poses.cameras, masks, truth, 32, max_views=7).cameras) == 7
+    assert len(object_crops(scene, 32, max_views=7).cameras) == 7
 
 
 def test_windows_beyond_the_photo_are_marked(scene):
-    poses, masks, truth = scene
-    moved = Canonical(truth.world_from_canonical.copy())
+    moved = Canonical(scene.canonical.world_from_canonical.copy())
     moved.world_from_canonical[:3, :3] *= 3
-    crops = object_crops(poses.cameras, masks, moved, 48)
+    crops = object_crops(scene.standing(moved), 48)
     assert not crops.valid.all()
     assert crops.masks[~crops.valid].max() < 1

@@ -18,7 +18,7 @@ from recon.outputs import camera_export, contact_sheet, report, write
 from recon.outputs.previews import ShadeOptions, render_previews
 from recon.outputs.result import seen
 from recon.outputs.write import OutputsOptions
-from recon.scene import Canonical, InputError, cam_from_canonical
+from recon.scene import Canonical, InputError, Scene, cam_from_canonical
 from tests.made_up import CHAIR, made_up, without_views
 from tests.results import assert_opens
 
@@ -99,7 +99,7 @@ def test_params_json_leads_from_canonical_to_metres_and_back(written, result, co
     # SfM units to metres: the world mesh, scaled, is as large as the real one.
     world = trimesh.load_mesh(written.cameras / "mesh.obj")
     assert world.volume * content["metres_per_sfm_unit"] ** 3 == pytest.approx(mesh.volume, rel=1e-3)
-    assert Canonical(np.array(content["world_from_canonical"])).scale == pytest.approx(result.canonical.scale)
+    assert Canonical(np.array(content["world_from_canonical"])).scale == pytest.approx(result.scene.canonical.scale)
 
 
 def test_metres_follow_the_height_of_a_wide_object(result, model, tmp_path):
@@ -115,8 +115,8 @@ def test_colmap_text_projects_to_the_same_pixels(written, result, corners):
     model = pycolmap.Reconstruction(str(written.cameras))
     assert len(model.images) == 3
     assert len(model.points3D) == 20
-    expected = cam_from_canonical(result.poses.cameras, result.canonical)
-    world = result.canonical.world_from_canonical
+    expected = cam_from_canonical(result.scene.cameras, result.scene.canonical)
+    world = result.scene.canonical.world_from_canonical
     points = corners @ world[:3, :3].T + world[:3, 3]
     for i, image in enumerate(sorted(model.images.values(), key=lambda im: im.image_id)):
         pose = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
@@ -124,30 +124,30 @@ def test_colmap_text_projects_to_the_same_pixels(written, result, corners):
         assert camera.model.name == "PINHOLE"
         K = camera.calibration_matrix()
         assert _pixels(points, pose, K) == pytest.approx(
-            _pixels(corners, expected[i], result.poses.cameras.K[i]), abs=1e-5
+            _pixels(corners, expected[i], result.scene.cameras.K[i]), abs=1e-5
         )
         assert cv2.imread(str(written.cameras / "images" / image.name)).shape[1::-1] == (camera.width, camera.height)
 
 
 def test_transforms_json_projects_to_the_same_pixels(written, result, corners):
     content = json.loads((written.cameras / "transforms.json").read_text())
-    expected = cam_from_canonical(result.poses.cameras, result.canonical)
-    world = result.canonical.world_from_canonical
+    expected = cam_from_canonical(result.scene.cameras, result.scene.canonical)
+    world = result.scene.canonical.world_from_canonical
     points = corners @ world[:3, :3].T + world[:3, 3]
     for i, frame in enumerate(content["frames"]):
         seen = (points - np.array(frame["transform_matrix"])[:3, 3]) @ np.array(frame["transform_matrix"])[:3, :3]
         # OpenGL axes: the camera looks along -z, y is up.
         x = frame["fl_x"] * seen[:, 0] / -seen[:, 2] + frame["cx"]
         y = frame["fl_y"] * -seen[:, 1] / -seen[:, 2] + frame["cy"]
-        assert np.stack([x, y], 1) == pytest.approx(_pixels(corners, expected[i], result.poses.cameras.K[i]), abs=1e-5)
+        assert np.stack([x, y], 1) == pytest.approx(_pixels(corners, expected[i], result.scene.cameras.K[i]), abs=1e-5)
         assert (written.cameras / frame["file_path"]).is_file()
         mask = cv2.imread(str(written.cameras / frame["mask_path"]), cv2.IMREAD_GRAYSCALE)
-        np.testing.assert_array_equal(mask == 255, result.silhouettes.masks[i])
+        np.testing.assert_array_equal(mask == 255, result.scene.silhouettes.masks[i])
         assert set(np.unique(mask)) == {0, 255}
 
 
 def test_transforms_share_intrinsics_that_are_equal(result):
-    cameras = result.poses.cameras.subset([0, 0])
+    cameras = result.scene.cameras.subset([0, 0])
     content = camera_export.transforms(cameras, ["a", "b"], ["c", "d"])
     assert content["fl_x"] == cameras.K[0, 0, 0]
     assert "fl_x" not in content["frames"][0]
@@ -292,7 +292,7 @@ def test_views_and_their_cameras_in_words(result, model):
 
 def only_the_first(result):
     """The result as if its first photo had been the only one."""
-    frames, poses, masks = result.frames, result.poses, result.silhouettes
+    frames, poses, masks = result.frames, result.scene.poses, result.scene.silhouettes
     return replace(
         result,
         frames=replace(
@@ -305,20 +305,23 @@ def only_the_first(result):
             alpha=frames.alpha[:1],
             original=None,
         ),
-        poses=replace(
-            poses,
-            cameras=poses.cameras.subset([0]),
-            paths=poses.paths[:1],
-            tracks=poses.tracks[:, :1],
-            unregistered=(),
-        ),
-        silhouettes=replace(
-            masks,
-            names=masks.names[:1],
-            masks=masks.masks[:1],
-            source=masks.source[:1],
-            used=masks.used[:1],
-            reasons=(),
+        scene=Scene(
+            replace(
+                poses,
+                cameras=poses.cameras.subset([0]),
+                paths=poses.paths[:1],
+                tracks=poses.tracks[:, :1],
+                unregistered=(),
+            ),
+            replace(
+                masks,
+                names=masks.names[:1],
+                masks=masks.masks[:1],
+                source=masks.source[:1],
+                used=masks.used[:1],
+                reasons=(),
+            ),
+            result.scene.canonical,
         ),
         view_iou=result.view_iou[:1],
         views="images",

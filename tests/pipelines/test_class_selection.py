@@ -22,7 +22,7 @@ from recon.pipelines.class_selection import AutoOptions, Finals, FirstRound
 from recon.scene import Canonical, InputError
 from tests.made_up import made_up
 
-SCENE = (None, None, None)
+SCENE = None
 
 
 def _models(*names, weights=Path()):
@@ -40,7 +40,7 @@ def world(monkeypatch, tmp_path):
     asked = SimpleNamespace(fits=[], keys=[], short={"bed": 0.4, "chair": 0.8, "sofa": 0.85})
     asked.full = {"bed": 0.5, "chair": 0.93, "sofa": 0.88}
 
-    def fit(model, poses, masks, place, hull, options):
+    def fit(model, scene, hull, options):
         asked.fits.append((model.name, options))
         return FitResult((Candidate({}, 0, 0.0),))
 
@@ -126,13 +126,13 @@ def test_a_chair_is_taken_for_a_chair(chair):
     assert len(models) == 3
     cameras, place = orbit(5, seed=2)
     shape = {"width": 0.5, "depth": 0.5, "leg_height": 0.4, "legs": "basic", "arms": "basic", "back": "vbar"}
-    poses, masks = drawn_scene(chair.build(shape), cameras, place)
-    hull = hull_run(poses, masks, place, HullOptions(size=64))
+    seen = drawn_scene(chair.build(shape), cameras, place)
+    hull = hull_run(seen, HullOptions(size=64))
     brief = AutoOptions(random=8, kept=1, finalists=1)
     chosen = class_selection.run(
         lambda name, options, compute: compute(),
         models,
-        (poses, masks, place),
+        seen,
         hull,
         FitOptions(size=48, max_views=4, random=24, kept=2),
         RefineOptions(size=48, levels=(Level(2, blur=1),), steps=(2, 2, 2), candidates=1, sweeps=0),

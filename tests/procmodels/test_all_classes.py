@@ -34,7 +34,7 @@ def test_a_class_is_found_again_from_its_silhouettes(name, number):
     params = _drawn(model.space, seed)
     cameras, place = orbit(16, seed=seed[1] + number)
     try:
-        refined = from_silhouettes(model, *drawn_scene(model.build(params), cameras, place))
+        refined = from_silhouettes(model, drawn_scene(model.build(params), cameras, place))
     except ReconstructionError as error:
         pytest.fail(str(error))
     assert refined.mean_iou > 0.95

@@ -38,7 +38,7 @@ from recon.fitting.silhouette_bank import load_bank
 from recon.fitting.uncertainty import Certainty
 from recon.geometry.view_geometry import guessed_K
 from recon.masks.single_mask import checked
-from recon.scene import Cameras, ReconError, Silhouettes
+from recon.scene import Cameras, Poses, ReconError, Scene, Silhouettes
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions
 
@@ -172,7 +172,8 @@ def from_image(model: Model, mask: np.ndarray) -> Found:
     cameras = Cameras(("view",), found.K[None], found.cam_from_world[None], size)
     silhouettes = Silhouettes(("view",), (mask,), ("user",), np.ones(1, bool))
     refined = found.refined
-    seen = quality.evidence_in(model, refined.params, cameras, silhouettes, refined.canonical)
+    poses = Poses(cameras, (Path("view"),), np.zeros((0, 3)), np.zeros((0, 1), bool))
+    seen = quality.evidence_in(model, refined.params, Scene(poses, silhouettes, refined.canonical))
     return refined.params, refined.certainty, seen
 
 
@@ -190,10 +191,10 @@ def _tidied(masks: Silhouettes, rng: np.random.Generator) -> Silhouettes:
 def _masks(model: Model, mesh: trimesh.Trimesh, seed: int) -> Found:
     """Some to many masks from all round, their cameras known."""
     rng = np.random.default_rng(seed)
-    poses, masks, _ = all_round(mesh, int(rng.integers(SIDES[0], SIDES[1] + 1)), seed)
-    masks = _tidied(masks, rng)
-    refined = from_silhouettes(model, poses, masks)
-    seen = quality.evidence_in(model, refined.params, poses.cameras, masks, refined.canonical)
+    scene = all_round(mesh, int(rng.integers(SIDES[0], SIDES[1] + 1)), seed)
+    scene = replace(scene, silhouettes=_tidied(scene.silhouettes, rng))
+    refined = from_silhouettes(model, scene)
+    seen = quality.evidence_in(model, refined.params, scene.standing(refined.canonical))
     return refined.params, refined.certainty, seen
 
 

@@ -1,4 +1,4 @@
-"""Scenes with known truth: poses and silhouettes as a perfect start of the pipeline would give them."""
+"""Scenes with known truth, as a perfect start of the pipeline would give them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nnproc.rays import look_at_cameras
 from procmodels.shape import Shape
 from recon.geometry.raster import silhouettes
 from recon.geometry.umeyama import similarity_between
-from recon.scene import Cameras, Canonical, Poses, Silhouettes, cam_from_canonical
+from recon.scene import Cameras, Canonical, Poses, Scene, Silhouettes, cam_from_canonical
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ def read_mask(path: Path) -> np.ndarray:
     return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 127
 
 
-def true_scene(truth: Photoset) -> tuple[Poses, Silhouettes]:
+def true_scene(truth: Photoset) -> Scene:
     """The true masks and cameras of a rendered photo set."""
     cameras = Cameras(tuple(truth.names), truth.K, truth.cam_from_world, truth.sizes)
     lowest = float(trimesh.load_mesh(truth.mesh).bounds[0, 2])
     return posed_scene(cameras, [read_mask(p) for p in truth.masks], Canonical(truth.world_from_canonical), lowest)
 
 
-def drawn_scene(shape: Shape, cameras: Cameras, canonical: Canonical) -> tuple[Poses, Silhouettes]:
+def drawn_scene(shape: Shape, cameras: Cameras, canonical: Canonical) -> Scene:
     """Exact silhouettes of a shape that stands at `canonical`."""
     masks = silhouettes(shape, cameras.K, cam_from_canonical(cameras, canonical), cameras.sizes)
     return posed_scene(cameras, masks, canonical, float(shape.bounds()[0, 2]))
@@ -62,16 +62,14 @@ def orbit(views: int, seed: int = 0) -> tuple[Cameras, Canonical]:
     return Cameras(names, K, cam_from_world, sizes), Canonical(world_from_canonical)
 
 
-def posed_scene(
-    cameras: Cameras, masks: list[np.ndarray], canonical: Canonical, lowest: float
-) -> tuple[Poses, Silhouettes]:
+def posed_scene(cameras: Cameras, masks: list[np.ndarray], canonical: Canonical, lowest: float) -> Scene:
     """Given masks as silhouettes of an object at `canonical`, with the floor below its `lowest` canonical height."""
     matrix, n = canonical.world_from_canonical, len(cameras)
     normal = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
     foot = matrix[:3, :3] @ [0, 0, lowest] + matrix[:3, 3]
     floor = np.array([*normal, -normal @ foot])
     poses = Poses(cameras, tuple(Path(name) for name in cameras.names), np.zeros((0, 3)), np.zeros((0, n), bool))
-    return poses, Silhouettes(cameras.names, tuple(masks), ("user",) * n, np.ones(n, bool), floor)
+    return Scene(poses, Silhouettes(cameras.names, tuple(masks), ("user",) * n, np.ones(n, bool), floor), canonical)
 
 
 def misaligned(truth: Photoset, cameras: Cameras, canonical: Canonical) -> Misaligned:

@@ -9,7 +9,7 @@ import trimesh
 
 from nnproc.rays import look_at_cameras
 from recon.evaluate.data.scenes import orbit, posed_scene
-from recon.scene import Cameras, Canonical, Poses, Silhouettes, cam_from_canonical
+from recon.scene import Cameras, Canonical, Scene, cam_from_canonical
 
 SIZE = (800, 600)  # px of rendered masks
 
@@ -33,10 +33,10 @@ def ray_masks(mesh: trimesh.Trimesh, cameras: Cameras, canonical: Canonical) -> 
     return masks
 
 
-def all_round(mesh: trimesh.Trimesh, views: int, seed: int) -> tuple[Poses, Silhouettes, Canonical]:
+def all_round(mesh: trimesh.Trimesh, views: int, seed: int) -> Scene:
     """Masks of 800 x 600 from all round at two heights, cameras known in a world frame turned and scaled at random."""
     cameras, place = orbit(views, seed)
-    return *posed_scene(cameras, ray_masks(mesh, cameras, place), place, float(mesh.bounds[0, 2])), place
+    return posed_scene(cameras, ray_masks(mesh, cameras, place), place, float(mesh.bounds[0, 2]))
 
 
 def one_view(mesh: trimesh.Trimesh, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

@@ -106,11 +106,11 @@ def from_all_round(views: int) -> Callable[[Model, trimesh.Trimesh, int], Answer
     """Silhouettes from all round with known cameras; where the object stands and faces is found."""
 
     def answer(model: Model, mesh: trimesh.Trimesh, seed: int) -> Answer:
-        poses, masks, true_place = all_round(mesh, views, seed)
+        scene = all_round(mesh, views, seed)
         started = time.process_time()
-        refined = from_silhouettes(model, poses, masks)
+        refined = from_silhouettes(model, scene)
         seconds = time.process_time() - started
-        place = np.linalg.inv(true_place.world_from_canonical) @ refined.canonical.world_from_canonical
+        place = np.linalg.inv(scene.canonical.world_from_canonical) @ refined.canonical.world_from_canonical
         compared = _compared(model, refined.params, mesh, place[:3, :3])
         return Answer(refined.params, *compared, refined.mean_iou, seconds)
 
