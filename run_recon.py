@@ -145,7 +145,7 @@ def summary(report: Path) -> str:
     classes = tuple((c["class"], c["iou"]) for c in r.get("classes", []))
     lines = [
         *([tried(classes)] if classes else []),
-        f"{r['class']}: {values}",
+        f"{r['class'] if r.get('belongs', True) else 'no ' + r['class'] + '; the nearest one'}: {values}",
         f"{_agreement(r)}, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",
         *(f"warning: {w}" for w in r["warnings"]),
         f"results: {shown(str(report.parent))} (start with report.html)",

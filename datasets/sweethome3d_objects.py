@@ -76,11 +76,12 @@ def in_catalogues(files: list[Path]) -> list[RealObject]:
                         source=f"{file}:{model.member}",
                         mask=None,
                         canonical_from_file=axes.turn(model.name, "y", "z") @ np.array(model.rotation).reshape(3, 3),
-                        read=partial(_read, file, model),
+                        read=partial(read_model, file, model),
                     )
                 )
     return with_unique_names(objects)
 
 
-def _read(file: Path, model: sweethome3d.Model) -> trimesh.Trimesh:
+def read_model(file: Path, model: sweethome3d.Model) -> trimesh.Trimesh:
+    """All triangles of a catalogue's model, in its own axes. Raises DataError."""
     return parse_mesh(sweethome3d.read_obj(file, model), "obj", f"{file}:{model.member}")

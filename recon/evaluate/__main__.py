@@ -7,11 +7,15 @@ import json
 import logging
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
 from procmodels import ModelError, load, names, paper_names
 from recon.evaluate import alignment, calibration, chair, gallery, robust, space_pictures
+from recon.evaluate.beliefs import command as beliefs
+from recon.evaluate.beliefs import gather
 from recon.evaluate.rows import Row, machine, print_table, read_json_rows, write_json
 from recon.evaluate.speed import command as speed
 from recon.evaluate.speed.rows import SpeedOptions, quick, read_rows, write_rows
@@ -42,6 +46,7 @@ def _command(argv: list[str] | None, about: net.About) -> int:
     _speed_flags(tables.add_parser("speed", help="times side by side: renderers, fits, growth, limits, stages"))
     _robust_flags(tables.add_parser("robust", help="what wrong and half-hidden masks cost"))
     _calibration_flags(tables.add_parser("calibration", help="is the stated confidence right? sets and plots it"))
+    _beliefs_flags(tables.add_parser("beliefs", help="what may be stated of real objects, and what is none; sets it"))
     _alignment_flags(tables.add_parser("alignment", help="up, yaw, front and size of photo sets that make it hard"))
     for table in tables.choices.values():
         table.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
@@ -208,6 +213,39 @@ def _calibration(args: argparse.Namespace) -> int:
     defaults = calibration.CalibrationOptions()
     options = calibration.CalibrationOptions(tuple(args.classes or defaults.classes), args.shapes, work=args.work)
     return _told(args, calibration.run(options, args.plot, None if args.keep else calibration.FILE))
+
+
+def _beliefs_flags(parser: argparse.ArgumentParser) -> None:
+    own = gather.GatherOptions.own
+    parser.add_argument("--class", dest="name", default="chair", help="a class, or the path of a model's file; chair")
+    parser.add_argument("--labels", help="whose labels in datasets/labels; those of the class")
+    parser.add_argument(
+        "--data", type=Path, action="append", metavar="PATH", help="beside Debian's catalogues; repeated"
+    )
+    parser.add_argument("--input", action="append", choices=tuple(gather.ANSWERS), help="may be repeated; all")
+    parser.add_argument("--limit", type=int, help="only the first objects, some of each kind")
+    parser.add_argument("--own", type=int, default=own, help=f"shapes of the class itself ({own})")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", action="store_true", help="measure, but leave recon/fitting/beliefs.json alone")
+    parser.add_argument("--default", action="store_true", help="classes without a table of their own go by this one")
+    parser.set_defaults(run=_beliefs)
+
+
+def _beliefs(args: argparse.Namespace) -> int:
+    if args.limit is not None and args.limit < 1:
+        raise ValueError(f"--limit {args.limit}: at least 1")
+    model = load(args.name)
+    options = gather.GatherOptions(
+        data=(*([DEBIAN] if DEBIAN.is_dir() else []), *(args.data or ())),
+        kinds=tuple(args.input or gather.ANSWERS),
+        labels=args.labels or model.space.name,
+        limit=args.limit,
+        own=args.own,
+        seed=args.seed,
+        work=args.work,
+    )
+    told = beliefs.BeliefOptions(options, default=args.default)
+    return _told(args, beliefs.run(model, replace(told, table=None) if args.keep else told))
 
 
 def _told(args: argparse.Namespace, rows: list[Row]) -> int:

@@ -17,10 +17,11 @@ from procmodels.space import Params
 from recon.fitting import uncertainty
 from recon.fitting.moves import Face
 from recon.fitting.one_view import CameraSearchOptions, OneView, ViewProblem, distinct, problem_of, starts
-from recon.fitting.refine import NEARLY, Refined
-from recon.fitting.search import Search, turned_round
+from recon.fitting.refine import Refined, turned
+from recon.fitting.search import Search
 from recon.fitting.silhouette_bank import Bank, shape_bank
 from recon.fitting.state import State
+from recon.fitting.uncertainty import Certainty
 from recon.scene import Canonical
 
 ELSEWHERE = 40.0  # degrees: another camera so far round has another front before it
@@ -39,12 +40,15 @@ class FoundView:
 
 @dataclass(frozen=True)
 class FoundViews:
-    """The answer to several masks: parameters, K (V, 3, 3), cam_from_canonical (V, 4, 4) rigid and the mean IoU."""
+    """The answer to several masks: parameters, K (V, 3, 3), cam_from_canonical (V, 4, 4) rigid and the mean IoU;
+    alternatives and certainty as in Refined."""
 
     params: Params
     K: np.ndarray
     cam_from_canonical: np.ndarray
     mean_iou: float
+    alternatives: tuple[tuple[str, float], ...]
+    certainty: Certainty
 
 
 def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions = CameraSearchOptions()) -> FoundView:
@@ -55,8 +59,9 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     polished = distinct(problem, [coarse.step(s, options.coarse.steps[0]) for s in begun], options.finals, 2)
     improved = fine.ranked(fine.improved(s) for s in polished)
     finals = fine.ranked([*map(fine.finished, improved[: options.finished]), *improved[options.finished :]])
-    best = turned_round(fine, finals[0], lambda loss: (1 + NEARLY) * loss + 5e-4)
-    ranked = [(move, problem.agreement(s)) for move, s in fine.polished_neighbours(best)]
+    best, near_by = turned(fine, finals[0])
+    mean_iou = problem.agreement(best)
+    ranked = [(move, mean_iou - loss) for move, loss in fine.behind(best, near_by)]
     others = _elsewhere(problem, best, finals[1:])
     fronts = [iou for move, iou in ranked if isinstance(move, Face)] + [iou for apart, _, iou in others if apart]
     words = [(str(move), iou) for move, iou in ranked] + [(said, iou) for _, said, iou in others]
@@ -64,10 +69,10 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     refined = Refined(
         problem.params(best),
         Canonical(posed.target_from_shape),
-        problem.agreement(best),
+        mean_iou,
         max(map(problem.agreement, begun)),
         tuple(sorted(words, key=lambda pair: -pair[1])),
-        uncertainty.run(fine, best),
+        uncertainty.run(fine, best, neighbours=near_by),
         next_front=max(fronts, default=0.0),
     )
     return FoundView(
@@ -96,9 +101,17 @@ def find_all(
     problem = problem_of(model, views, options)
     search = Search(problem, options.fine)
     state = problem.state(params, problem.placement.shared([s.place for s in states]))
-    state = search.finished(search.improved(search.step(state, options.fine.steps[2])))
+    state, near_by = search.compared(search.finished(search.improved(search.step(state, options.fine.steps[2]))))
+    mean_iou = problem.agreement(state)
     K = np.stack([_K(view, problem, state) for view in views])
-    return FoundViews(problem.params(state), K, problem.posed(state).cam_from_shape, problem.agreement(state))
+    return FoundViews(
+        problem.params(state),
+        K,
+        problem.posed(state).cam_from_shape,
+        mean_iou,
+        tuple((str(move), mean_iou - loss) for move, loss in search.behind(state, near_by)),
+        uncertainty.run(search, state, neighbours=near_by),
+    )
 
 
 def _K(view: OneView, problem: ViewProblem, state: State) -> np.ndarray:
@@ -109,12 +122,15 @@ def _K(view: OneView, problem: ViewProblem, state: State) -> np.ndarray:
 
 
 def _elsewhere(problem: ViewProblem, best: State, others: Sequence[State]) -> list[tuple[bool, str, float]]:
-    """(whether from another side, description, IoU) of the finalists that are seen from elsewhere."""
+    """(whether from another side, description, IoU less what is odd about it) of the finalists that are seen from
+    elsewhere."""
     out, (azimuth, _) = [], problem.direction(best)
+    here, mean_iou = problem.loss(best), problem.agreement(best)
     for state in others:
         there, elevation = problem.direction(state)
         apart = round((there - azimuth + 180) % 360 - 180)
         side = abs(apart) > ELSEWHERE
         said = f"{'front' if side else 'camera'} turned by {apart} degrees"
-        out.append((side, f"{said}, seen from an elevation of {elevation:.0f} degrees", problem.agreement(state)))
+        score = mean_iou - max(0.0, problem.loss(state) - here)
+        out.append((side, f"{said}, seen from an elevation of {elevation:.0f} degrees", score))
     return out

@@ -37,6 +37,7 @@ class Hull:
     levels = 1
     weight = 1.0
     usual = 5e-7
+    noise = 1e-4
 
     def __init__(
         self,

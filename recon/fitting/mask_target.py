@@ -44,6 +44,7 @@ class Masks:
     """
 
     usual = 1e-4
+    noise = 0.01
 
     def __init__(self, masks: np.ndarray, valid: np.ndarray, levels: Sequence[Level]) -> None:
         self.masks, self.valid, self.looks = masks.astype(np.float32), valid, tuple(levels)

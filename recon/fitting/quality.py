@@ -7,28 +7,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from procmodels import Model
+from procmodels.space import Params
+from recon.fitting import beliefs, evidence
+from recon.fitting.evidence import Evidence
 from recon.fitting.refine import Refined
+from recon.fitting.uncertainty import Certainty
+from recon.geometry.object_windows import object_crops
 from recon.geometry.raster import iou, silhouettes
-from recon.scene import Poses, Silhouettes, cam_from_canonical
+from recon.scene import Cameras, Canonical, Poses, Silhouettes, cam_from_canonical
 
 EXPLAINED = 0.85  # mean IoU below which something about the outlines is not of this class, or the masks are wrong
-GOOD, POOR = 0.9, 0.6  # mean IoU of a right result, and of a shape that merely stands in the same place
 CLEAR = 0.02  # how much IoU the best front should be ahead of the next
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """view_iou (V,) with the masks of the photos; mean_iou over the used ones; confidence 0..1 and why."""
+    """view_iou (V,) with the masks of the photos; mean_iou over the used ones; confidence 0..1 and why.
+
+    belongs    whether the object is taken for one of the class
+    certainty  the result's, with the chances that may be stated; None where it has none
+    evidence   what speaks for the result and against it
+    """
 
     view_iou: np.ndarray
     mean_iou: float
     confidence: float
     explanation: str
     warnings: tuple[str, ...]
+    belongs: bool
+    certainty: Certainty | None
+    evidence: Evidence
 
 
-def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos: int) -> Verdict:
-    """Judge a refined result; `photos` is how many were given."""
+def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos: int, kind: str = "masks") -> Verdict:
+    """Judge a refined result; `photos` is how many were given, `kind` one of beliefs.KINDS."""
     drawn = silhouettes(
         model.build(refined.params),
         poses.cameras.K,
@@ -37,22 +49,38 @@ def run(model: Model, poses: Poses, masks: Silhouettes, refined: Refined, photos
     )
     view_iou = np.array([iou(d & masks.known(v), masks.masks[v]) for v, d in enumerate(drawn)])
     mean = float(view_iou[masks.used].mean())
-    agreement = float(np.clip((mean - POOR) / (GOOD - POOR), 0, 1))
-    coverage = float(masks.used.sum() / max(photos, 1))
     lead = refined.mean_iou - refined.next_front
-    decided = float(np.clip(0.5 + 0.5 * lead / CLEAR, 0.5, 1))
+    found = evidence_in(model, refined.params, poses.cameras, masks, refined.canonical)
+    stated = beliefs.stated(refined.certainty, found, beliefs.table(model.space, kind))
     explanation = (
         f"outlines agree by {mean:.2f} (IoU), {int(masks.used.sum())} of {photos} photos used, "
         f"the front is ahead of the next best by {lead:.3f}"
     )
+    said = beliefs.words(model.space.name, stated.confidence, found)
     return Verdict(
-        view_iou, mean, agreement * coverage**0.5 * decided, explanation, _warnings(model, mean, lead, view_iou, masks)
+        view_iou,
+        mean,
+        stated.confidence,
+        explanation,
+        said + _warnings(model, mean, lead, view_iou, masks, bool(said)),
+        stated.confidence >= beliefs.DENIED,
+        stated.certainty,
+        found,
     )
 
 
-def _warnings(model: Model, mean: float, lead: float, view_iou: np.ndarray, masks: Silhouettes) -> tuple[str, ...]:
+def evidence_in(model: Model, params: Params, cameras: Cameras, masks: Silhouettes, canonical: Canonical) -> Evidence:
+    """What some of the used views say of the shape that stands at `canonical`."""
+    crops = object_crops(cameras, masks, canonical, evidence.WINDOW, evidence.VIEWS)
+    return evidence.of_outlines(model.space, params, model.build(params), crops, canonical)
+
+
+def _warnings(
+    model: Model, mean: float, lead: float, view_iou: np.ndarray, masks: Silhouettes, doubted: bool
+) -> tuple[str, ...]:
+    """`doubted`: it was said already that the class may be another."""
     out = []
-    if mean < EXPLAINED:
+    if mean < EXPLAINED and not doubted:
         out.append(
             f"the best {model.name} explains the outlines only to {mean:.2f}: the object has parts that the class "
             "lacks, or is of another class, or the masks are wrong (look at contact_sheet.png; give better masks with "

@@ -21,7 +21,7 @@ from recon.fitting.mask_target import Level, Masks
 from recon.fitting.moves import Face
 from recon.fitting.placement import Similarity
 from recon.fitting.problem import Problem
-from recon.fitting.search import Schedule, Search, solve, turned_round
+from recon.fitting.search import Neighbour, Schedule, Search, solve, turned_round
 from recon.fitting.state import State
 from recon.fitting.uncertainty import Certainty
 from recon.fitting.view_starts import FitResult
@@ -41,9 +41,12 @@ class RefineOptions:
     size: int = 112  # pixels along each side of a window
     max_views: int = 32  # spread evenly over the photos; more add time and little else
     levels: tuple[Level, ...] = (Level(4, blur=1), Level(2, blur=1), Level(1, blur=2))  # the last is polished by once
-    candidates: int = 6  # of the fit's, that are polished at all
+    candidates: int = 8  # of the fit's, that are polished at all
+    each: int = 2  # of these, at most, that face one way
     sweeps: int = 3  # rounds over the discrete parameters and fronts
     tries: int = 4  # the most promising changes of a round that are polished
+    far: int = 8  # combinations of choices that are polished, when the answer is not good
+    good: float = 0.005  # 1 - mean IoU of an answer that needs no other choices
     steps: tuple[int, int, int] = (5, 3, 10)  # Gauss-Newton steps a level: of a candidate, of a change, of the answer
 
     @property
@@ -51,9 +54,12 @@ class RefineOptions:
         """As the search wants it."""
         return Schedule(
             starts=self.candidates,
+            each=self.each,
             kept=1,
             sweeps=self.sweeps,
             tries=self.tries,
+            far=self.far,
+            good=self.good,
             steps=self.steps,
             levels=tuple(range(len(self.levels) - 1)) or (0,),
         )
@@ -66,7 +72,8 @@ class Refined:
     params, canonical   parameters and world_from_canonical, facing the right way
     mean_iou            with the silhouettes used, at window size
     start_iou           the same before any polishing (best candidate)
-    alternatives        (description, mean IoU) of other fronts and choices, best first
+    alternatives        (description, mean IoU less what is odd about them) of other fronts and choices, best first;
+                        none is better than the answer by what accepted it
     certainty           how sure each parameter is
     overlap             the best mean IoU that was found, wherever it had the object stand; None where that is mean_iou
     next_front          mean IoU of the best other front, 0 where there is none
@@ -106,18 +113,29 @@ def run(
         if near is not None and (nearest := near.better(best)) is not None:
             # From here on all stands in the object's place: rivals, other fronts, and what the parameters may do.
             overlap, search, best = 1 - found.loss, Search(near.outlines, options.schedule), nearest
-    best = turned_round(search, best, lambda loss: (1 + NEARLY) * loss + 5e-4)
-    ranked = search.alternatives(best)
+    best, near_by = turned(search, best, overlap is None)
+    ranked = search.behind(best, near_by)
+    mean_iou = 1 - search.problem.loss(best)
     return Refined(
         search.problem.params(best),
         Canonical(search.problem.posed(best).target_from_shape),
-        1 - search.problem.loss(best),
+        mean_iou,
         1 - found.start,
-        tuple((str(move), 1 - loss) for move, loss in ranked),
-        uncertainty.run(search, best),
+        tuple((str(move), mean_iou - loss) for move, loss in ranked),
+        uncertainty.run(search, best, neighbours=near_by),
         overlap,
-        max((1 - loss for move, loss in ranked if isinstance(move, Face)), default=0.0),
+        max((mean_iou - loss for move, loss in ranked if isinstance(move, Face)), default=0.0),
     )
+
+
+def turned(search: Search, state: State, by_outlines: bool = True) -> tuple[State, list[Neighbour]]:
+    """The state, a better neighbour, or either facing the likelier way, and the neighbours of that.
+
+    by_outlines  whether outlines accepted the state: only then may they prefer another
+    """
+    best, neighbours = search.compared(state, rounds=3 if by_outlines else 0)
+    round_ = turned_round(search, best, lambda loss: (1 + NEARLY) * loss + 5e-4)
+    return (best, neighbours) if round_ is best else (round_, search.polished_neighbours(round_))
 
 
 def problem_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -14,6 +15,8 @@ from recon.fitting.moves import Both, Move
 from recon.fitting.problem import Problem
 from recon.fitting.state import State
 
+Neighbour = tuple[Move, State]
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -21,6 +24,7 @@ class Schedule:
 
     looked: int = 32  # starts of a batch that are compared as they are
     starts: int = 4  # of these, of different choices and fronts, that are polished coarsely
+    each: int = 10**6  # of these, at most, that face one way: another may only need a polish
     kept: int = 2  # of these, whose choices are searched, until one is good
     behind: float = 1e9  # times the best one's loss: others are given up
     batches: int = 1  # of starts, as long as the answer is lost
@@ -79,8 +83,11 @@ class Search:
     def begun(self, starts: list[State]) -> list[State]:
         """The most promising starts, polished, best first."""
         chosen: dict[tuple, State] = {}
+        facing: Counter[int] = Counter()
         for s in self.ranked(starts):
-            chosen.setdefault((s.front, *s.choices.values()), s)
+            if (s.front, *s.choices.values()) not in chosen and facing[s.front] < self.schedule.each:
+                chosen[s.front, *s.choices.values()] = s
+                facing[s.front] += 1
         some = list(chosen.values())[: self.schedule.starts]
         polished = self.ranked(self.step(s, self.schedule.steps[0]) for s in some)
         near = self.schedule.behind * self.cost(polished[0])
@@ -133,20 +140,50 @@ class Search:
             best = min(best, self.finished(self.improved(far)), key=loss)
         return best
 
-    def neighbours(self, state: State) -> Iterator[tuple[Move, State]]:
-        """Every other front and every change of one choice."""
-        near: list[Move] = [*moves.choices(self.problem, state), *moves.fronts(self.problem, state)]
+    def neighbours(self, state: State) -> Iterator[Neighbour]:
+        """Every change of one choice, and every other front if fronts are among the moves."""
+        near: list[Move] = [*moves.choices(self.problem, state)]
+        if self.schedule.fronts:
+            near += moves.fronts(self.problem, state)
         for move in near:
             yield move, move.applied(self.problem, state)
 
-    def polished_neighbours(self, state: State, steps: int = 2) -> Iterator[tuple[Move, State]]:
-        """The neighbours: other fronts polished a little, other choices as they are."""
+    def polished_neighbours(self, state: State, each: int = 2) -> list[Neighbour]:
+        """The neighbours, polished a little: every front, and the `each` best other values of every choice; further
+        values as they are."""
+        fronts, values = [], dict[str, list[Neighbour]]()
         for move, other in self.neighbours(state):
-            yield move, self.step(other, steps) if isinstance(move, moves.Face) else other
+            if isinstance(move, moves.Choose):
+                values.setdefault(move.values[0][0], []).append((move, other))
+            else:
+                fronts.append((move, self.step(other, self.schedule.steps[1])))
+        out = fronts
+        for others in values.values():
+            others.sort(key=lambda pair: self.problem.loss(pair[1]))
+            out += [(move, self.near(other)) for move, other in others[:each]] + others[each:]
+        return out
 
-    def alternatives(self, state: State, steps: int = 2) -> tuple[tuple[Move, float], ...]:
-        """These and their losses, best first."""
-        scored = [(move, self.problem.loss(other)) for move, other in self.polished_neighbours(state, steps)]
+    def near(self, state: State) -> State:
+        """Two steps at the finest level: what a neighbour needs to be compared."""
+        return descended(self.problem, state, 2, (self.problem.target.levels - 1,))
+
+    def compared(self, state: State, rounds: int = 3) -> tuple[State, list[Neighbour]]:
+        """The state, or a neighbour that beats it once it is polished, and its own neighbours: what is told beside an
+        answer must not be better than the answer."""
+        neighbours = self.polished_neighbours(state)
+        for _ in range(rounds):
+            best = min((other for _, other in neighbours), key=self.problem.loss, default=state)
+            if self.problem.loss(best) >= self.problem.loss(state):
+                break
+            state = self.finished(best)
+            neighbours = self.polished_neighbours(state)
+        return state, neighbours
+
+    def behind(self, state: State, neighbours: Iterable[Neighbour]) -> tuple[tuple[Move, float], ...]:
+        """By how much loss neighbours are behind the state, best first. What was turned down for another reason than
+        its loss, as a front that is less likely, counts as equal."""
+        here = self.problem.loss(state)
+        scored = [(move, max(0.0, self.problem.loss(other) - here)) for move, other in neighbours]
         return tuple(sorted(scored, key=lambda pair: pair[1]))
 
 

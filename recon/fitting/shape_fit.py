@@ -14,18 +14,22 @@ import numpy as np
 from nnproc.infer import WeightsError, load_network, params_from_grids
 from procmodels import Model
 from procmodels.space import Params
-from recon.fitting import moves
+from recon.fitting import beliefs, evidence, moves, uncertainty
+from recon.fitting.evidence import Evidence
 from recon.fitting.placement import Upright
 from recon.fitting.problem import Problem
-from recon.fitting.search import Schedule, Search, solve, turned_round
+from recon.fitting.search import Neighbour, Schedule, Search, solve, turned_round
 from recon.fitting.state import State
 from recon.fitting.surface_target import Surface
+from recon.fitting.uncertainty import Calibration, Certainty
 from recon.geometry.triangles import Triangles
 from recon.scene import Canonical
 from recon.shapes.shape_target import Hypothesis, Target, grids_of, hypotheses
 
 NEARLY = 0.15  # of the distance: so much farther may the likelier of two fronts be
 GAPS = 0.008  # of the longest side: clouds of a larger spacing have gaps that mean nothing
+GAPPY = 1.8  # spacings of a cloud within which it says nothing
+OTHERS = 2  # other ways to stand that are polished before they are told
 REACH = 0.15  # canonical units: what of a cloud lies farther away is not of this class
 
 
@@ -52,8 +56,11 @@ class ShapeFit:
     distance           D_chamfer to the input points, canonical units squared
     start              the same before polishing, of the best start
     hypothesis         how the input stands, in words
-    alternatives       (words, distance) of other ways to stand and other choices, best first
+    alternatives       (words, distance) of other ways to stand and other choices, best first; none is better than the
+                       answer by what accepted it
     network            False when there were no weights and only random starts were used
+    certainty          how sure each parameter is
+    evidence           what speaks for the answer and against it
     """
 
     params: Params
@@ -63,6 +70,8 @@ class ShapeFit:
     hypothesis: str
     alternatives: tuple[tuple[str, float], ...]
     network: bool
+    certainty: Certainty
+    evidence: Evidence
 
 
 def run(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions()) -> ShapeFit:
@@ -81,19 +90,71 @@ def run(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions
         tries=options.tries,
         fronts=False,
     )
-    found = solve(problem, chosen.values(), schedule).state
-    found = turned_round(Search(problem, schedule), found, lambda loss: (1 + NEARLY) * loss + 2e-5)
+    search = Search(problem, schedule)
+    found, near_by = _answer(search, solve(problem, chosen.values(), schedule).state, starts)
     way = ways[found.front]
     move = np.linalg.inv(problem.placement.posed(problem.shape(found), np.zeros(5), found.front).target_from_shape)
+    distance = _final(problem, found, ways)
+    place = move @ problem.posed(found).target_from_shape
     return ShapeFit(
         params=problem.params(found),
-        canonical=Canonical(way.input_from_canonical @ move @ problem.posed(found).target_from_shape),
-        distance=_final(problem, found, ways),
+        canonical=Canonical(way.input_from_canonical @ place),
+        distance=distance,
         start=_final(problem, starts[0], ways),
         hypothesis=way.name,
-        alternatives=_alternatives(problem, found, starts, ways),
+        alternatives=tuple((_words(m, ways), distance + off) for m, off in search.behind(found, near_by)),
         network=network,
+        certainty=uncertainty.run(search, found, _calibration(model, target), near_by),
+        evidence=_evidence(problem, found, way, place, target),
     )
+
+
+def _answer(search: Search, state: State, starts: list[State]) -> tuple[State, list[Neighbour]]:
+    """The state, or what beat it when its choices and other ways to stand were tried, and those."""
+    problem = search.problem
+    state, near_by = search.compared(state)
+    others = _elsewhere(search, state, starts)
+    best = min((s for _, s in others), key=problem.loss, default=state)
+    if problem.loss(best) < problem.loss(state):
+        state, near_by = search.compared(search.finished(search.improved(best)))
+        others = _elsewhere(search, state, starts)
+    round_ = turned_round(search, state, lambda loss: (1 + NEARLY) * loss + 2e-5)
+    if round_ is not state:
+        state, near_by = round_, search.polished_neighbours(round_)
+        others = _elsewhere(search, state, starts)
+    return state, [*near_by, *others]
+
+
+def _elsewhere(search: Search, state: State, starts: list[State]) -> list[Neighbour]:
+    """The best start of every other way to stand, the first few of them polished."""
+    first: dict[int, State] = {}
+    for s in starts:
+        if s.front != state.front:
+            first.setdefault(s.front, s)
+    ranked = search.ranked(first.values())
+    polished = [search.step(s, search.schedule.steps[0]) for s in ranked[:OTHERS]] + ranked[OTHERS:]
+    return [(moves.Face(s.front, 0), s) for s in polished]
+
+
+def _calibration(model: Model, target: Target) -> Calibration:
+    return beliefs.calibration_of(beliefs.table(model.space, kind_of(target)))
+
+
+def kind_of(target: Target) -> str:
+    """The kind of input that beliefs about it go by."""
+    return "mesh" if target.complete else "cloud"
+
+
+def _words(move: moves.Move, ways: list[Hypothesis]) -> str:
+    return ways[move.front].name if isinstance(move, moves.Face) else str(move)
+
+
+def _evidence(problem: Problem, state: State, way: Hypothesis, place: np.ndarray, target: Target) -> Evidence:
+    """Of the answer that stands at `place` in the frame of its way to stand."""
+    shape_from_way = np.linalg.inv(place)
+    points = way.points @ shape_from_way[:3, :3].T + shape_from_way[:3, 3]
+    spacing = 0.0 if target.complete else GAPPY * target.spacing
+    return evidence.of_surfaces(problem.model.space, problem.params(state), problem.shape(state), points, spacing)
 
 
 def problem_of(model: Model, target: Target, ways: list[Hypothesis], count: int, thin: int = 1) -> Problem:
@@ -107,7 +168,7 @@ def problem_of(model: Model, target: Target, ways: list[Hypothesis], count: int,
         ways[0].points[::thin],
         (count,),
         mesh if thin == 1 else None,
-        dead=1.8 * target.spacing if loose and target.spacing > GAPS else 0.0,
+        dead=GAPPY * target.spacing if loose and target.spacing > GAPS else 0.0,
         reach=REACH if loose else np.inf,
     )
     return Problem(model, surface, Upright([first_from_input @ w.input_from_canonical for w in ways], loose))
@@ -145,19 +206,6 @@ def _starts(
     # The network's own answers are always among those that go on, however they look before polishing.
     told = sorted(mine, key=rough.loss)[:2]
     return [e[2] for e in entries[:1]] + told + [e[2] for e in entries[1:200]], bool(mine)
-
-
-def _alternatives(
-    problem: Problem, found: State, starts: list[State], ways: list[Hypothesis]
-) -> tuple[tuple[str, float], ...]:
-    """Other choices as they are, and the best start of every other way to stand, by distance."""
-    others = [(str(m), problem.loss(m.applied(problem, found))) for m in moves.choices(problem, found)]
-    seen = {found.front}
-    for s in starts:
-        if s.front not in seen:
-            seen.add(s.front)
-            others.append((ways[s.front].name, problem.loss(s)))
-    return tuple(sorted(others, key=lambda pair: pair[1]))
 
 
 def _final(problem: Problem, state: State, ways: list[Hypothesis]) -> float:

@@ -78,11 +78,13 @@ class Target(Protocol):
 
     weight  squares of residuals that one unit of loss is worth
     usual   loss that a parameter one spread off its usual value may cost: enough to decide what is not to be seen
+    noise   loss that an exact answer has at most
     """
 
     levels: int
     weight: float
     usual: float
+    noise: float
 
     def residuals(self, posed: Posed, level: int, at: Posed) -> np.ndarray:
         """(m,); `at` is the state that derivatives were taken at, where residuals are laid out on its surface."""

@@ -84,6 +84,7 @@ class Surface:
 
     weight = 1.0
     usual = 5e-7
+    noise = 1e-4
 
     def __init__(
         self,
@@ -160,6 +161,7 @@ class VoxelGrid:
     levels = 2
     weight = 1.0
     usual = 0.0
+    noise = 0.01
 
     def __init__(self, grid: np.ndarray, count: int = 1_000, centred: float = 0.15) -> None:
         self.grid, self.count, self.centred = grid, count, centred

@@ -9,12 +9,14 @@ its whole range.
 Choices: the gap in IoU between the answer and its best rival that differs in this choice, polished as well, as a share
 of what is left unexplained; a logistic curve measured on held-out shapes turns it into a chance.
 
-Both measurements are in calibration.json (python -m recon.evaluate calibration).
+Both measurements are in calibration.json (python -m recon.evaluate calibration). They hold for objects that the class
+can make; what an answer that explains its input badly may still claim is decided in recon.fitting.beliefs.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -24,17 +26,15 @@ import numpy as np
 from scipy.special import stdtrit
 
 from recon.fitting import moves
-from recon.fitting.gauss_newton import descended
 
 if TYPE_CHECKING:
     from recon.fitting.problem import Problem
-    from recon.fitting.search import Search
+    from recon.fitting.search import Neighbour, Search
     from recon.fitting.state import State
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
 PRIOR = 12.0  # 1 / variance of a scalar that may be anywhere in its range, in shares of the range
-LEAST_LEFT = 0.01  # 1 - IoU that exact masks leave at most
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,19 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Choice:
-    """One discrete parameter: how likely the answer is right, the best rival value and the IoU that it is behind."""
+    """One discrete parameter: how likely the answer is right, the best rival value and the loss that it is behind.
+
+    share  the gap as a share of what is left unexplained
+    usual  log(share of objects that have the answer's value / that have the rival's), 0 where nothing is said of it
+    parts  names of the parts that the answer has and the rival does not
+    """
 
     chance: float
     rival: Any
     gap: float
+    share: float = 0.0
+    usual: float = 0.0
+    parts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,8 +89,11 @@ def calibration() -> Calibration:
     return Calibration(*(float(values[f.name]) for f in fields(Calibration)))
 
 
-def run(search: Search, state: State, given: Calibration | None = None) -> Certainty:
-    """The certainty of a polished state; costs about a Gauss-Newton step and a polish of one rival a choice."""
+def run(
+    search: Search, state: State, given: Calibration | None = None, neighbours: Sequence[Neighbour] | None = None
+) -> Certainty:
+    """The certainty of a polished state; costs about a Gauss-Newton step, and without its neighbours
+    (Search.polished_neighbours) a polish of two rivals a choice."""
     use = given or calibration()
     problem = search.problem
     scalars = problem.scalars
@@ -93,12 +104,9 @@ def run(search: Search, state: State, given: Calibration | None = None) -> Certa
         ends = np.clip([unit - reach, unit + reach], 0, 1)
         low, high = sorted(scalar.value_from_unit(float(u)) for u in ends)
         intervals[scalar.name], spreads[scalar.name] = (float(low), float(high)), float(spread)
-    left = problem.loss(state) + LEAST_LEFT
-    choices, gaps = {}, {}
-    for name, (value, gap) in _rivals(search, state).items():
-        gaps[name] = gap / left
-        choices[name] = Choice(chance(gaps[name], use), value, gap)
-    return Certainty(intervals, choices, spreads, gaps)
+    near = search.polished_neighbours(state) if neighbours is None else neighbours
+    choices = _choices(problem, state, near, use)
+    return Certainty(intervals, choices, spreads, {name: c.share for name, c in choices.items()})
 
 
 def quantile(level: float, tail: float) -> float:
@@ -132,16 +140,21 @@ def _spreads(problem: Problem, state: State) -> np.ndarray:
     return np.sqrt(np.clip(np.diag(np.linalg.inv(hessian))[:n], 0, 1 / PRIOR))
 
 
-def _rivals(search: Search, state: State) -> dict[str, tuple[Any, float]]:
-    """By discrete parameter: the other value that explains the target best after a short polish, and how much loss it
-    is behind (never less than 0)."""
-    problem = search.problem
-    near: dict[str, list[State]] = {}
-    for move in moves.choices(problem, state):
-        ((name, _),) = move.values
-        near.setdefault(name, []).append(move.applied(problem, state))
+def _choices(problem: Problem, state: State, neighbours: Sequence[Neighbour], use: Calibration) -> dict[str, Choice]:
+    """By discrete parameter: the answer beside the other value that explains the target best."""
+    here = problem.loss(state)
+    rivals: dict[str, State] = {}
+    for move, other in neighbours:
+        if isinstance(move, moves.Choose) and len(move.values) == 1:
+            name = move.values[0][0]
+            if name not in rivals or problem.loss(other) < problem.loss(rivals[name]):
+                rivals[name] = other
+    own = {p.name for p in problem.shape(state).parts}
     out = {}
-    for name, others in near.items():
-        best = descended(problem, min(others, key=problem.loss), 2, (problem.target.levels - 1,))
-        out[name] = (best.choices[name], max(0.0, problem.loss(best) - problem.loss(state)))
+    for name, rival in rivals.items():
+        gap = max(0.0, problem.loss(rival) - here)  # never less than 0
+        share = gap / (here + problem.target.noise)
+        usual = problem.usual.log_ratio(name, state.choices[name], rival.choices[name])
+        parts = tuple(sorted(own - {p.name for p in problem.shape(rival).parts}))
+        out[name] = Choice(chance(share, use), rival.choices[name], gap, share, usual, parts)
     return out

@@ -26,9 +26,24 @@ class Usual:
         """(r,) deviations of scalars, as shares (n,) of their ranges, in spreads."""
         return (units[self._told] - self._middle) / self._spread
 
+    def by_scalar(self, units: np.ndarray) -> np.ndarray:
+        """(n,) the same of every scalar, infinite where nothing is said to be usual."""
+        out = np.full(len(units), np.inf)
+        out[self._told] = self.deviations(units)
+        return out
+
     def rarity(self, choices: Params) -> float:
         """Of all choices: the squared deviation of a scalar that is as unlikely."""
-        return sum(table[choices[name]] for name, table in self._rarities.items())
+        return sum(self.rarities(choices))
+
+    def rarities(self, choices: Params) -> list[float]:
+        """The same of each of some choices."""
+        return [table[choices[name]] for name, table in self._rarities.items() if name in choices]
+
+    def log_ratio(self, name: str, value: Value, other: Value) -> float:
+        """log(share of objects with one value of a choice / with another), 0 where nothing is usual."""
+        table = self._rarities.get(name)
+        return 0.0 if table is None else (table[other] - table[value]) / 2
 
 
 def _in_range(scalar: Scalar) -> tuple[float, float]:

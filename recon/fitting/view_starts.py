@@ -39,7 +39,7 @@ class FitOptions:
     look: Level = field(default_factory=lambda: Level(4, blur=1))  # how the windows are looked at
     likely: int = 12  # combinations of choices of each answer of the network
     random: int = 160  # shapes of the prior, each in all fronts
-    kept: int = 12
+    kept: int = 4  # of every front: a wrong one may look better before it is polished
     seed: int = 0
     # The latent itself is searched too (paper, section 4.2.4), by the silhouettes of a trained decoder; None: not.
     latent: LatentOptions | None = None
@@ -102,7 +102,7 @@ def state(problem: Problem, canonical: Canonical, params: Params, turn: int) -> 
 def _best(
     problem: Problem, canonical: Canonical, entries: list[tuple[Params, int]], count: int
 ) -> tuple[Candidate, ...]:
-    """The best of every combination of choices and front, best first."""
+    """The best combinations of choices, `count` of every front, best first."""
     chosen: dict[tuple, Candidate] = {}
     for params, turn in entries:
         begun = state(problem, canonical, params, turn)
@@ -110,4 +110,6 @@ def _best(
         key = (turn, *begun.choices.values())
         if key not in chosen or found.loss < chosen[key].loss:
             chosen[key] = found
-    return tuple(sorted(chosen.values(), key=lambda c: c.loss)[:count])
+    ranked = sorted(chosen.values(), key=lambda c: c.loss)
+    kept = [c for turn in TURNS for c in [c for c in ranked if c.turn == turn][:count]]
+    return tuple(sorted(kept, key=lambda c: c.loss))

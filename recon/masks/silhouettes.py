@@ -18,6 +18,7 @@ from recon.files import mask_images
 from recon.geometry import floor_from_masks, mask_checks, voxel_carving
 from recon.geometry.room_planes import FloorOptions, Room, find_room
 from recon.geometry.undistort import undistorted_mask
+from recon.masks import consistency
 from recon.masks.segmentation import CutoutOptions, cut_out
 from recon.scene import Cameras, Frames, InputError, Poses, ReconstructionError, Silhouettes
 from recon.system.names import unique
@@ -36,7 +37,7 @@ class SilhouetteOptions:
     few: int = 8  # photos; with fewer, that nothing was found is put down to it
     judge_cells: int = 96  # cells along the object's box in which masks are compared
     judge_share: float = 0.8  # of the other masks that must contain a cell
-    judge_below: float = 0.6  # a view is dropped when its IoU with the others' shape is below this x the median IoU
+    judge_slack: tuple[float, float] = (0.07, 0.2)  # of a mask, drawn or found, that may lie outside the others' shape
     consistent: float = 0.6  # of inverted masks, turned round, that their common shape must explain to be believed
     judge_least: int = 4  # masks; fewer cannot outvote one
 
@@ -79,7 +80,8 @@ def run(
     reasons += [(n, "nothing of the object was found in it") for n in _empty(cameras, masks, reasons)]
     bad = dict(reasons)
     used = np.array([name not in bad for name in cameras.names])
-    used, disagreeing = judge(cameras, masks, used, room, options)
+    hidden = {v: unknown[n] for v, n in enumerate(cameras.names) if n in unknown}
+    used, disagreeing = judge(cameras, masks, used, room, options, hidden, set(open_views))
     reasons += disagreeing
     for name, reason in reasons:
         log.warning("%s is not used: %s", name, reason)
@@ -93,8 +95,8 @@ def run(
     level = floor_from_masks.floor(
         None if room is None else room.floor, cameras.subset(trusted), [masks[v] for v in trusted], not open_views
     )
-    hidden = tuple(unknown.get(name) for name in cameras.names) if unknown else ()
-    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), hidden, tuple(warnings))
+    unseen = tuple(unknown.get(name) for name in cameras.names) if unknown else ()
+    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), unseen, tuple(warnings))
 
 
 def _white_is_object(
@@ -151,53 +153,46 @@ def _empty(cameras: Cameras, masks: list[np.ndarray], reasons: list[tuple[str, s
 
 
 def judge(
-    cameras: Cameras, masks: list[np.ndarray], used: np.ndarray, room: Room | None, options: SilhouetteOptions
+    cameras: Cameras,
+    masks: list[np.ndarray],
+    used: np.ndarray,
+    room: Room | None,
+    options: SilhouetteOptions,
+    hidden: dict[int, np.ndarray] | None = None,
+    found: set[int] | None = None,
 ) -> tuple[np.ndarray, list[tuple[str, str]]]:
     """Which views agree with the shape that the other used views carve, and (name, reason) of those that do not.
 
-    Twice, because a wrong mask also spoils the shape that the others are measured with.
+    hidden  (H, W) bool by view, where the object may go on out of sight
+    found   the views whose masks were cut out automatically: these may be a little wrong
     """
-    reasons: list[tuple[str, str]] = []
-    for _ in range(2):
-        views = np.flatnonzero(used)
-        if len(views) < options.judge_least:
-            break
-        scores = _agreement(cameras.subset(views), [masks[v] for v in views], room, options)
-        if scores is None:
-            break  # no common shape to measure with: do not accuse anybody
-        limit = options.judge_below * float(np.median(scores))
-        wrong = [(int(v), float(s)) for v, s in zip(views, scores, strict=True) if s < limit]
-        used = used.copy()
-        for v, score in wrong:
-            used[v] = False
-            usual = f"usual for this object: {np.median(scores):.2f}"
-            reasons.append(
-                (cameras.names[v], f"its mask contradicts the others: overlap {score:.2f} with their shape ({usual})")
-            )
-        if not wrong:
-            break
-    return used, reasons
+    views = np.flatnonzero(used)
+    if len(views) < options.judge_least:
+        return used, []
+    some, shown = cameras.subset(views), [masks[v] for v in views]
+    possible = [masks[v] | hidden[v] if hidden and v in hidden else masks[v] for v in views]
+    cells = _block(some, shown, room, 64)
+    votes = consistency.votes(cells, some, shown, possible, options.judge_share, options.judge_cells)
+    if votes is None:  # no common shape to measure with: do not accuse anybody
+        return used, []
+    slack = np.array([options.judge_slack[int(found is not None and v in found)] for v in views])
+    wrong = consistency.contradictions(votes, options.judge_share, slack, options.judge_least)
+    used = used.copy()
+    used[[views[c.view] for c in wrong]] = False
+    return used, [(some.names[c.view], _contradicts(c)) for c in wrong]
 
 
-def _agreement(
-    cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions
-) -> np.ndarray | None:
-    """(V,) IoU of each mask with the picture of the hull that the other masks carve; None when they carve nothing."""
-    # A cell's middle can fall beside a member that is thinner than a cell: one pixel of slack.
-    wide = [cv2.dilate(m.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32) for m in masks]
-    cells = _block(cameras, masks, room, 64)
-    need = options.judge_share * (len(cameras) - 1)
-    rough = (voxel_carving.add_up(cells, cameras, wide) >= need) & voxel_carving.seen_by_most(cells, cameras)
-    if not rough.any():
-        return None
-    cells = voxel_carving.around(cells, rough, options.judge_cells)
-    seen, every = voxel_carving.seen_by_most(cells, cameras), voxel_carving.add_up(cells, cameras, wide)
-    scores = []
-    for v, mask in enumerate(masks):
-        solid = (every - voxel_carving.add_up(cells, cameras.subset([v]), [wide[v]]) >= need) & seen
-        shape = voxel_carving.picture(cells, solid, cameras, v)
-        scores.append((shape & mask).sum() / max(1, (shape | mask).sum()))
-    return np.array(scores)
+def _contradicts(c: consistency.Contradiction) -> str:
+    """What is wrong with a view, and what to do."""
+    outside = f"{1 - c.covered:.0%} of its outline lies outside their shape (usual for this object: {1 - c.usual:.0%})"
+    if c.turned is not None:
+        return (
+            f"its camera was placed wrongly, which contradicts the others: {outside}, and it would fit about "
+            f"{abs(c.turned):.0f} degrees further round the object; more photos in between help"
+        )
+    if 1 - c.covered < 1 - c.kept:
+        return f"its mask contradicts the others: it lacks {1 - c.kept:.0%} of what they show of the object"
+    return f"its mask or its camera contradicts the others: {outside}"
 
 
 def _explained(cameras: Cameras, masks: list[np.ndarray], room: Room | None, options: SilhouetteOptions) -> float:

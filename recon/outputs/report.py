@@ -43,10 +43,15 @@ def words(result: Result, asset: Asset) -> Words:
     values = result.params
     active = asset.space.active(values)
     traits = [t for p in asset.space.parameters if p.name in active and (t := _trait(p, values[p.name]))]
-    article = "An" if result.class_name[0] in "aeiou" else "A"
+    article = _article(result.class_name)
     what = f"{article} {spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
     used, given = int(result.silhouettes.used.sum()), len(result.frames.names)
     text = f"{what}; {_size(asset)}. "
+    title = spaced(result.class_name).capitalize()
+    if not result.belongs:
+        title = f"Not {article.lower()} {spaced(result.class_name)}: the nearest one"
+        nearest = text[0].lower() + text[1:]
+        text = f"This is probably no {spaced(result.class_name)}. The nearest that can be made: {nearest}"
     if used:
         score = float(result.view_iou[result.silhouettes.used].mean())
         how = (
@@ -56,10 +61,14 @@ def words(result: Result, asset: Asset) -> Words:
     if (met := result.shape) is not None:
         apart = 100 * (met.distance / 2) ** 0.5
         text += f"Fitted to {met.what}, {met.stands}; the surfaces are {apart:.1f} % of the longest side apart."
-        return Words(shown(f"{spaced(result.class_name).capitalize()} from {met.what}"), shown(text))
+        return Words(shown(f"{title} from {met.what}"), shown(text))
     if result.classes:
         text += f" No class was named: {tried(result.classes)}."
-    return Words(shown(f"{spaced(result.class_name).capitalize()} from {counted(result)}"), shown(text.strip()))
+    return Words(shown(f"{title} from {counted(result)}"), shown(text.strip()))
+
+
+def _article(name: str) -> str:
+    return "An" if name[0] in "aeiou" else "A"
 
 
 def verdict(iou: float) -> str:
@@ -170,13 +179,11 @@ def _files(files: list[str]) -> str:
 
 
 def _alternatives(facts: dict[str, Any]) -> str:
-    if others := facts.get("runners_up"):
-        rows = [f"<tr><th>{escape(o['what'])}</th><td>{o['distance']:.4f}</td></tr>" for o in others[:8]]
-        return f"<h2>Runners-up, by distance</h2><table>{''.join(rows)}</table>"
-    if not facts["alternatives"]:
+    if not (others := facts["alternatives"][:8]):
         return ""
-    best = [f"<tr><th>{escape(a['what'])}</th><td>{a['iou']:.3f}</td></tr>" for a in facts["alternatives"][:8]]
-    return f"<h2>Runners-up</h2><table>{''.join(best)}</table>"
+    heading, key, digits = ("Runners-up, by distance", "distance", 4) if "input" in facts else ("Runners-up", "iou", 3)
+    rows = [f"<tr><th>{escape(o['what'])}</th><td>{o[key]:.{digits}f}</td></tr>" for o in others]
+    return f"<h2>{heading}</h2><table>{''.join(rows)}</table>"
 
 
 def _seconds(seconds: dict[str, float]) -> str:

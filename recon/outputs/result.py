@@ -49,6 +49,7 @@ class Result:
     shape         what was met when the input was a shape; there are no views then
     views         what the views are, in the plural: "photos", "images", "masks", "views of the splat"
     placed        how they got their cameras: REGISTERED, "given" or "estimated"
+    belongs       False when the object is taken to be none of the class; the result is then the nearest one
     """
 
     class_name: str
@@ -71,6 +72,7 @@ class Result:
     shape: ShapeEvidence | None = None
     views: str = "photos"
     placed: str = REGISTERED
+    belongs: bool = True
 
     def __post_init__(self) -> None:
         n = len(self.poses.cameras)

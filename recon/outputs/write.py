@@ -114,6 +114,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
     seconds = {**result.seconds, "outputs": round(outputs_seconds, 2)}
     content = {
         "class": result.class_name,
+        "belongs": result.belongs,
         "classes": [{"class": name, "iou": round(score, 4)} for name, score in result.classes],
         "params": _plain(result.params),
         **_about_shape(result),
@@ -121,7 +122,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         "confidence": round(result.confidence, 4),
         "explanation": result.explanation,
         **_certainty(result),
-        "alternatives": [{"what": what, "iou": round(score, 4)} for what, score in result.alternatives],
+        "alternatives": _alternatives(result),
         "registered": {
             "n": len(result.poses.cameras),
             "of": len(result.frames.names),
@@ -142,9 +143,15 @@ def _about_shape(result: Result) -> dict[str, Any]:
     """What is said about an input that is a shape."""
     if (met := result.shape) is None:
         return {}
-    others = [{"what": what, "distance": round(distance, 6)} for what, distance in met.alternatives]
     about = {"kind": met.kind, "what": met.what, "stands": met.stands, "points": len(met.points)}
-    return {"input": about, "distance": round(met.distance, 6), "runners_up": others}
+    return {"input": about, "distance": round(met.distance, 6)}
+
+
+def _alternatives(result: Result) -> list[dict[str, Any]]:
+    """Other answers, best first, by what the input is compared by: agreement of outlines, or distance."""
+    if result.shape is not None:
+        return [{"what": what, "distance": round(d, 6)} for what, d in result.shape.alternatives]
+    return [{"what": what, "iou": round(score, 4)} for what, score in result.alternatives]
 
 
 def params_content(result: Result, asset: Asset) -> dict[str, Any]:

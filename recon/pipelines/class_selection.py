@@ -31,7 +31,7 @@ class AutoOptions:
     """How much the first round may cost, and what counts as a tie."""
 
     random: int = 48  # of the short fit, see recon.fitting.view_starts.FitOptions
-    kept: int = 2
+    kept: int = 1
     finalists: int = 2  # classes that get the full fit and refinement
     tie: float = 0.01  # IoU: a smaller lead decides nothing
 

@@ -106,7 +106,7 @@ def _result(
     poses = Poses(cameras, masked.frames.paths, np.zeros((0, 3)), np.zeros((0, 1), bool))
     unknown = () if masked.known is None else (~masked.known,)
     silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool), unknown=unknown)
-    verdict = _judged(quality.run(model, poses, silhouettes, found.refined, 1), view, found)
+    verdict = _judged(quality.run(model, poses, silhouettes, found.refined, 1, "image"), view, found)
     return Result(
         class_name=model.name,
         params=found.refined.params,
@@ -124,14 +124,15 @@ def _result(
         height_m=options.height,
         versions=versions(),
         classes=searched.classes,
-        certainty=found.refined.certainty,
+        certainty=verdict.certainty,
+        belongs=verdict.belongs,
         views="masks" if masked.source == "user" and options.mask is None else "images",
         placed="estimated" if view.cam_from_model is None else "given",
     )
 
 
 def _judged(verdict: Verdict, view: OneView, found: FoundView) -> Verdict:
-    """The verdict in the words of one image, and no surer than one image can be."""
+    """The verdict in the words of one image."""
     where = f"azimuth {found.azimuth:.0f}, elevation {found.elevation:.0f} degrees"
     if view.cam_from_model is not None:
         return replace(verdict, explanation=f"one outline, agreement {verdict.mean_iou:.2f} (IoU), camera given")
@@ -141,5 +142,4 @@ def _judged(verdict: Verdict, view: OneView, found: FoundView) -> Verdict:
     text = f"one outline, agreement {verdict.mean_iou:.2f} (IoU), camera found with the shape: {where}, {lens}"
     if rivals:
         text += f"; {len(rivals)} other cameras explain the outline nearly as well"
-    share = 0.9 if view.focal_known else 0.8
-    return replace(verdict, explanation=text, confidence=verdict.confidence * share)
+    return replace(verdict, explanation=text)

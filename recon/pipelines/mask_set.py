@@ -19,10 +19,11 @@ from recon.files import frames
 from recon.files.frames import FramesOptions
 from recon.files.mask_images import BadMask, read_mask
 from recon.files.photo_folder import choose
-from recon.fitting import one_view, quality
+from recon.fitting import one_view, quality, uncertainty
 from recon.fitting.camera_search import find_all
 from recon.fitting.one_view import OneView
 from recon.fitting.refine import Refined
+from recon.fitting.uncertainty import Certainty
 from recon.geometry.view_geometry import guessed_K
 from recon.masks import single_mask
 from recon.outputs import write
@@ -53,13 +54,15 @@ class MaskSet:
 class JointAnswer:
     """Parameters of the class that explains the first mask best, and a camera about the shape for every mask.
 
-    mean_iou over the views; classes as in single_view.Searched
+    mean_iou over the views; alternatives and certainty as in Refined; classes as in single_view.Searched
     """
 
     class_name: str
     params: Params
     cameras: Cameras
     mean_iou: float
+    alternatives: tuple[tuple[str, float], ...]
+    certainty: Certainty
     classes: tuple[tuple[str, float], ...]
 
 
@@ -102,7 +105,8 @@ def _searched(models: list[Model], masks: MaskSet, options: ImageOptions) -> Joi
     model = next(m for m in models if m.name == searched.class_name)
     found = find_all(model, masks.views, searched.found.refined.params, options.search)
     cameras = Cameras(masks.shot.names, found.K, found.cam_from_canonical, masks.shot.sizes)
-    return JointAnswer(model.name, found.params, cameras, found.mean_iou, searched.classes)
+    sure = found.alternatives, found.certainty
+    return JointAnswer(model.name, found.params, cameras, found.mean_iou, *sure, searched.classes)
 
 
 def _views(folder: Path, shot: Frames, options: ImageOptions) -> tuple[list[OneView], list[str]]:
@@ -134,8 +138,9 @@ def _result(
     unknown = tuple(None if v.known is None else ~v.known for v in views)
     drawn = tuple(v.mask for v in views)
     silhouettes = Silhouettes(shot.names, drawn, ("user",) * n, np.ones(n, bool), unknown=unknown)
-    refined = Refined(answer.params, Canonical(np.eye(4)), answer.mean_iou, answer.mean_iou, ())
-    verdict = quality.run(model, poses, silhouettes, refined, n)
+    place = Canonical(np.eye(4))
+    refined = Refined(answer.params, place, answer.mean_iou, answer.mean_iou, answer.alternatives, answer.certainty)
+    verdict = quality.run(model, poses, silhouettes, refined, n, "image")
     return Result(
         class_name=model.name,
         params=answer.params,
@@ -144,18 +149,20 @@ def _result(
         silhouettes=silhouettes,
         canonical=refined.canonical,
         view_iou=verdict.view_iou,
-        confidence=verdict.confidence * 0.8,
+        confidence=verdict.confidence,
         explanation=f"{n} outlines, mean agreement {verdict.mean_iou:.2f} (IoU), their cameras found with the shape",
-        alternatives=(),
+        alternatives=answer.alternatives,
         seconds=seconds,
         warnings=(*masks.warnings, *verdict.warnings),
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
         classes=answer.classes,
+        certainty=verdict.certainty,
+        belongs=verdict.belongs,
         views="masks",
         placed="estimated",
     )
 
 
-KNOWN = (*dataclasses_of(scene, one_view), MaskSet, JointAnswer)  # what results are made of
+KNOWN = (*dataclasses_of(scene, one_view, uncertainty), MaskSet, JointAnswer)  # what results are made of

@@ -115,7 +115,8 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         height_m=options.height,
         versions=versions(),
         classes=chosen.classes,
-        certainty=refined.certainty,
+        certainty=verdict.certainty,
+        belongs=verdict.belongs,
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
     )

@@ -11,7 +11,7 @@ import numpy as np
 from procmodels import Model
 from recon import scene
 from recon.files.recognise import Recognised
-from recon.fitting import shape_fit
+from recon.fitting import beliefs, evidence, shape_fit, uncertainty
 from recon.outputs import write as outputs
 from recon.outputs.result import Result, ShapeEvidence
 from recon.outputs.versions import versions
@@ -26,8 +26,7 @@ from recon.system.digests import digest_of_input
 
 log = logging.getLogger("recon")
 STAGES = ("shape", "fit", LAST)
-KNOWN = (scene, shape_target, shape_fit)  # whose dataclasses are results
-GOOD, POOR = 0.001, 0.012  # D_chamfer: as good as these models get on real objects; as far as a random shape
+KNOWN = (scene, shape_target, shape_fit, evidence, uncertainty)  # whose dataclasses are results
 
 
 @dataclass(frozen=True)
@@ -85,19 +84,18 @@ def _result(
     found = fits[model.name]
     forward = np.linalg.inv(found.canonical.world_from_canonical)
     points = target.points @ forward[:3, :3].T + forward[:3, 3]
-    warnings = list(target.warnings)
-    if found.distance > POOR:
-        warnings.append(
-            f"the result is far from the input (D_chamfer {found.distance:.4f}): is it a {model.name}? --class, --up "
-            "and --front may help"
-        )
+    believed = beliefs.table(model.space, shape_fit.kind_of(target))
+    stated = beliefs.stated(found.certainty, found.evidence, believed)
+    said = beliefs.words(model.space.name, stated.confidence, found.evidence)
+    warnings = [*target.warnings, *said]
+    if said:
+        warnings.append("a shape that lies on its side or faces another way is not recognised, either: --up, --front")
     if not found.network:
         warnings.append(f"there are no weights for {model.name}: the search began at random shapes alone")
     explanation = f"the surfaces are {100 * np.sqrt(found.distance / 2):.1f} % of the longest side apart on average"
     if len(fits) > 1:
         ranked = sorted(fits.items(), key=lambda pair: pair[1].distance)
         explanation += "; tried " + ", ".join(f"{name} {fit.distance:.4f}" for name, fit in ranked)
-    share = np.log(POOR / max(found.distance, 1e-9)) / np.log(POOR / GOOD)
     none = np.zeros(0)
     empty = scene.Cameras((), np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), np.zeros((0, 2), int))
     return Result(
@@ -108,7 +106,7 @@ def _result(
         silhouettes=scene.Silhouettes((), (), (), np.zeros(0, bool)),
         canonical=found.canonical,
         view_iou=none,
-        confidence=float(np.clip(share, 0, 1)),
+        confidence=stated.confidence,
         explanation=explanation,
         alternatives=(),
         seconds=seconds,
@@ -116,5 +114,7 @@ def _result(
         seed=options.seed,
         height_m=options.height,
         versions=versions(),
+        certainty=stated.certainty,
+        belongs=stated.confidence >= beliefs.DENIED,
         shape=ShapeEvidence(target.kind, target.what, found.hypothesis, found.distance, points, found.alternatives),
     )

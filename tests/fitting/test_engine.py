@@ -366,7 +366,8 @@ def test_fronts_turn_the_shape_where_it_stands(chair, seen):
     half = found["front turned by 180 degrees"]
     assert half.front == 2
     assert half.place == pytest.approx(place.world_from_canonical @ np.diag([-1, -1, 1, 1]))
-    ranked = Search(problem, SHORT).alternatives(state)
+    search = Search(problem, replace(SHORT, fronts=True))
+    ranked = search.behind(state, search.polished_neighbours(state))
     assert [loss for _, loss in ranked] == sorted(loss for _, loss in ranked)
     assert {str(m) for m, _ in ranked} >= set(found)
 

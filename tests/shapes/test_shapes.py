@@ -11,10 +11,12 @@ import trimesh
 from procmodels.shape import Part, Shape
 from recon.evaluate.metrics import chamfer
 from recon.files.recognise import Kind
+from recon.fitting.evidence import Evidence
 from recon.fitting.shape_fit import ShapeFit
 from recon.fitting.shape_fit import run as fit_shape
 from recon.fitting.state import Posed
 from recon.fitting.surface_target import Surface
+from recon.fitting.uncertainty import Certainty, Choice
 from recon.geometry.triangles import Triangles
 from recon.scene import Canonical, InputError
 from recon.shapes import shape_target
@@ -173,7 +175,10 @@ def test_the_command_ends_in_the_same_outputs(tmp_path, chair, monkeypatch, caps
     """With the answer given: the search itself is tested above."""
     shape = chair.build(CHAIR)
     trimesh.Trimesh(shape.vertices(), shape.triangles(), process=False).export(tmp_path / "c.stl")
-    answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 1e-4, 2e-4, "up z, front -y", (("arms = solid", 0.01),), True)
+    sure = Certainty({"width": (0.4, 0.6)}, {"arms": Choice(0.9, "solid", 0.01, 5.0)}, {"width": 0.01}, {"arms": 5.0})
+    seen = Evidence(0.007, 0.0, 0.0, 0.0, 0.0, 0.0)
+    others = (("arms = solid", 0.01),)
+    answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 1e-4, 2e-4, "up z, front -y", others, True, sure, seen)
     monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: _checked(target, answer))
     out = tmp_path / "out"
     assert main([str(tmp_path / "c.stl"), "--up", "z", "--height", "0.9", "--out", str(out)]) == 0
@@ -181,6 +186,10 @@ def test_the_command_ends_in_the_same_outputs(tmp_path, chair, monkeypatch, caps
     report = json.loads((out / "report.json").read_text())
     assert report["input"]["kind"] == "mesh"
     assert report["distance"] == pytest.approx(1e-4)
+    assert report["alternatives"] == [{"what": "arms = solid", "distance": 0.01}]
+    assert report["certainty"]["params"]["width"] == {"low": 0.4, "high": 0.6}
+    assert report["certainty"]["params"]["arms"]["rival"] == "solid"
+    assert report["belongs"]
     for name in ("mesh.glb", "mesh.obj", "model.blend", "params.json", "report.html", "contact_sheet.png"):
         assert_opens(out / name)
 

@@ -1,0 +1,158 @@
+"""What speaks for an answer and against it: what is seen and not explained, parts where nothing is seen, odd values.
+
+Every number is 0 for an answer without fault, so that more of any of them is worse. Small differences along outlines
+and surfaces are in `misfit` alone: `missing` and `idle` count what lies further than NEAR from its like, which no
+polish would mend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from procmodels.shape import Part, Shape
+from procmodels.space import Params, ParamSpace
+from recon.fitting.usual import Usual
+from recon.geometry.object_windows import Crops
+from recon.geometry.raster import iou, silhouettes
+from recon.geometry.triangles import Triangles
+from recon.scene import Canonical, cam_from_canonical
+
+NEAR = 0.04  # of the object's longest side
+ENDS = 0.005  # of a scalar's range: nearer to an end it is at the end
+OFTEN = 1.5  # spreads off the usual value: an end that lies nearer, as that of a cushion's thickness, is common
+MOST = 9.0  # squared spreads: a value is no odder than that
+PLACES, OF_PART, OF_POINTS = 3000, 60, 4000  # on the shape, on each part, of the input's points
+WINDOW, VIEWS = 144, 8  # px of a window on the object, views that are looked at
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Of one answer.
+
+    misfit   what is left unexplained: 1 - mean IoU of outlines; of surfaces, root mean square distance both ways, in
+             canonical units
+    missing  share of what is seen with nothing of the answer near it
+    idle     share of the answer with nothing seen near it
+    part     the same of its worst part
+    parts    the same by name of part
+    unusual  mean squared deviation of what its parameters are from what is usual, in spreads
+    edge     share of its scalars at an end of their ranges
+    """
+
+    misfit: float
+    missing: float
+    idle: float
+    part: float
+    unusual: float
+    edge: float
+    parts: dict[str, float] = field(default_factory=dict)
+
+    def numbers(self) -> dict[str, float]:
+        """Without the parts."""
+        return {f.name: float(getattr(self, f.name)) for f in fields(self) if f.name != "parts"}
+
+
+def of_outlines(space: ParamSpace, params: Params, shape: Shape, crops: Crops, canonical: Canonical) -> Evidence:
+    """Of a shape that stands at `canonical` before windows of masks."""
+    poses = cam_from_canonical(crops.cameras, canonical)
+    seen = [(m >= 0.5) & v for m, v in zip(crops.masks, crops.valid, strict=True)]
+
+    def drawn(of: Shape) -> list[np.ndarray]:
+        found = silhouettes(of, crops.cameras.K, poses, crops.cameras.sizes)
+        return [d & v for d, v in zip(found, crops.valid, strict=True)]
+
+    whole = drawn(shape)
+    reach = [max(1.5, NEAR * _side(m)) for m in seen]
+    beyond = [_distance(m) > r for m, r in zip(seen, reach, strict=True)]
+    bare = [_distance(d) > r for d, r in zip(whole, reach, strict=True)]
+    # A part that is there is inside the outline from everywhere: the view that shows most of it to be absent counts.
+    parts: dict[str, float] = {}
+    for part in shape.parts:
+        views = zip(drawn(Shape((part,))), beyond, strict=True)
+        off = max((float((d & b).sum() / d.sum()) for d, b in views if d.sum() >= 4), default=0.0)
+        parts[part.name] = max(parts.get(part.name, 0.0), off)
+    return _evidence(
+        misfit=1 - float(np.mean([iou(d, m) for d, m in zip(whole, seen, strict=True)])),
+        missing=_share([m & b for m, b in zip(seen, bare, strict=True)], seen),
+        idle=_share([d & b for d, b in zip(whole, beyond, strict=True)], whole),
+        parts=parts,
+        space=space,
+        params=params,
+    )
+
+
+def of_surfaces(space: ParamSpace, params: Params, shape: Shape, points: np.ndarray, spacing: float = 0.0) -> Evidence:
+    """Of a shape beside an input's surface points (n, 3), both in the shape's frame.
+
+    spacing  between neighbours of a sparse cloud, whose gaps mean nothing; 0 for a dense one
+    """
+    some = points[np.random.default_rng(0).permutation(len(points))[:OF_POINTS]]
+    surface, tree = Triangles.of(shape), cKDTree(points)
+    there = np.linalg.norm(surface.nearest(some)[0] - some, axis=1)
+
+    def back(corners: Triangles, count: int) -> np.ndarray:
+        found = tree.query(corners.at(corners.places(count))[0])[0]
+        return np.maximum(found - spacing, 0)
+
+    home = back(surface, PLACES)
+    parts: dict[str, float] = {}
+    for part in shape.parts:
+        off = float((back(_triangles(part), OF_PART) > NEAR).mean())
+        parts[part.name] = max(parts.get(part.name, 0.0), off)
+    return _evidence(
+        misfit=float(np.sqrt((np.square(there).mean() + np.square(home).mean()) / 2)),
+        missing=float((there > NEAR).mean()),
+        idle=float((home > NEAR).mean()),
+        parts=parts,
+        space=space,
+        params=params,
+    )
+
+
+def _evidence(
+    misfit: float, missing: float, idle: float, parts: dict[str, float], space: ParamSpace, params: Params
+) -> Evidence:
+    odd, edge = looks(space, params)
+    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), odd, edge, parts)
+
+
+def looks(space: ParamSpace, params: Params) -> tuple[float, float]:
+    """Mean squared deviation from the usual, in spreads, and the share of scalars at an end of their ranges, of the
+    parameters that do something. A space that says nothing of what is usual finds nothing unusual."""
+    active = space.active(params)
+    units = np.array([np.clip(s.unit_from_value(float(params[s.name])), 0, 1) for s in space.scalars])
+    moving = np.array([s.name in active for s in space.scalars], bool)
+    known = Usual(space)
+    off = known.by_scalar(units)[moving]
+    rare = known.rarities({p.name: params[p.name] for p in space.discrete if p.name in active})
+    costs = [*np.square(off[np.isfinite(off)]), *rare]
+    ends = (np.minimum(units, 1 - units) < ENDS)[moving] & (np.abs(off) > OFTEN)
+    return float(np.minimum(costs, MOST).mean()) if costs else 0.0, float(ends.mean()) if len(ends) else 0.0
+
+
+def _triangles(part: Part) -> Triangles:
+    return Triangles(part.vertices[part.triangles()])
+
+
+def _side(mask: np.ndarray) -> float:
+    """px, the longer side of the box round what is white."""
+    rows, columns = np.nonzero(mask)
+    return float(max(np.ptp(rows), np.ptp(columns)) + 1) if len(rows) else float(max(mask.shape))
+
+
+def _distance(mask: np.ndarray) -> np.ndarray:
+    """(H, W) px to the nearest white pixel; far everywhere when there is none."""
+    if not mask.any():
+        return np.full(mask.shape, np.inf, np.float32)
+    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+
+
+def _share(some: Sequence[np.ndarray], of: Sequence[np.ndarray]) -> float:
+    """Mean share over the views that show anything."""
+    shares = [s.sum() / o.sum() for s, o in zip(some, of, strict=True) if o.any()]
+    return float(np.mean(shares)) if shares else 0.0
