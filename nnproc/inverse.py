@@ -193,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=defaults.seed)
     parser.add_argument("--layers", choices=tuple(SHAPE_NETS), default=defaults.network.layers)
     parser.add_argument("--hidden", type=int, default=defaults.network.hidden, help="width of PE's and PD's layers")
-    parser.add_argument("--threads", type=int, help="processor threads (default: all)")
+    parser.add_argument("--threads", type=int, help="processor threads (default: all; 1 on a busy machine)")
     return parser
 
 
