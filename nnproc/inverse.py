@@ -34,8 +34,9 @@ from datasets.synthetic import Pairs, read
 from nnproc.accuracy import KINDS, accuracy
 from nnproc.infer import load_network, save_network
 from nnproc.losses import VARIANTS, LossWeights
-from nnproc.network import CELL, GRID, HALVES, SHAPE_NETS, NetworkConfig, NNProc, parameter_count
+from nnproc.network import HALVES, NetworkConfig, NNProc, parameter_count
 from nnproc.on_device import device
+from nnproc.shape_nets import CELL, GRID, SHAPE_NETS
 from nnproc.train import Trainer, TrainOptions
 from procmodels import ModelError, load
 
@@ -61,8 +62,9 @@ class MixedStore:
     """Surface grids and hulls in memory, as packed bits; a batch shows them as they might be met."""
 
     def __init__(self, clean: list[Pairs], hulls: Pairs) -> None:
-        self.clean = Pairs(np.concatenate([p.vectors for p in clean]), np.concatenate([p.bits for p in clean]))
-        self.hulls = hulls
+        self.clean, self.hulls = clean[0], hulls
+        if len(clean) > 1:  # a single set, of gigabytes, is not copied
+            self.clean = Pairs(np.concatenate([p.vectors for p in clean]), np.concatenate([p.bits for p in clean]))
 
     def batch(self, step: int, options: InverseOptions) -> tuple[Tensor, Tensor]:
         """Cells (B, 64, 16, 16, 16) bfloat16 with channels last in memory, and vectors (B, width), of a step."""
@@ -85,7 +87,7 @@ class MixedStore:
 
 
 def _cells(grids: np.ndarray) -> Tensor:
-    """What nnproc.network.cells_from_grid makes of (B, 64, 64, 64), with channels last in memory."""
+    """What nnproc.shape_nets.cells_from_grid makes of (B, 64, 64, 64), with channels last in memory."""
     parts = grids.reshape(-1, GRID, CELL, GRID, CELL, GRID, CELL).transpose(0, 1, 3, 5, 2, 4, 6)
     flat = torch.from_numpy(np.ascontiguousarray(parts).reshape(-1, GRID, GRID, GRID, CELL**3))
     return flat.to(torch.bfloat16).permute(0, 4, 1, 2, 3)
@@ -191,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=defaults.seed)
     parser.add_argument("--layers", choices=tuple(SHAPE_NETS), default=defaults.network.layers)
     parser.add_argument("--hidden", type=int, default=defaults.network.hidden, help="width of PE's and PD's layers")
-    parser.add_argument("--threads", type=int, help="processor threads (default: all)")
+    parser.add_argument("--threads", type=int, help="processor threads (default: all; 1 on a busy machine)")
     return parser
 
 

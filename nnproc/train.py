@@ -32,8 +32,9 @@ from datasets.synthetic import Pairs, read
 from nnproc.infer import grids_from_params, save_network, values_from_grids
 from nnproc.losses import VARIANTS, LossWeights, losses
 from nnproc.muon import Muon
-from nnproc.network import SHAPE_NETS, NetworkConfig, NNProc, cells_from_grid, parameter_count
+from nnproc.network import NetworkConfig, NNProc, parameter_count
 from nnproc.on_device import device
+from nnproc.shape_nets import SHAPE_NETS, cells_from_grid
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.train")

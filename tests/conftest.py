@@ -19,4 +19,4 @@ def rng():
 
 @pytest.fixture(scope="session")
 def chair():
-    return procmodels.load("chair")
+    return procmodels.load("paper/chair")

@@ -53,7 +53,7 @@ def made_up(folder: Path, names: tuple[str, ...] = ("a.jpg", "b.JPG", "c <i>&.pn
     keep = [0, 2, 3]
     views = cameras(tuple(names[i] for i in keep), SIZES[keep])
     canonical = Canonical(world_from_canonical())
-    shape = procmodels.load("chair").build(CHAIR)
+    shape = procmodels.load("paper/chair").build(CHAIR)
     drawn = silhouettes(shape, views.K, cam_from_canonical(views, canonical), views.sizes)
     masks = tuple(np.roll(m, 1, axis=1) for m in drawn)
     points = rng.normal(size=(20, 3)) * 0.2 + world_from_canonical()[:3, 3]

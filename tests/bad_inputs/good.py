@@ -54,7 +54,7 @@ class Scene:
 
 def scene() -> Scene:
     """Always the same: photos are coloured noise, the chair brighter than the rest."""
-    shape = load("chair").build(CHAIR)
+    shape = load("paper/chair").build(CHAIR)
     K, pose = (t.numpy() for t in look_at_cameras([0, 60, 120, 180, 240, 300], [20] * VIEWS, 2.3, 45, HEIGHT))
     K[:, 0, 2] = WIDTH / 2
     sizes = np.tile((WIDTH, HEIGHT), (VIEWS, 1))

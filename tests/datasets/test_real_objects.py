@@ -27,7 +27,7 @@ def truth() -> trimesh.Trimesh:
     """A chair of two parts that is like itself from no other side: a bar stands out at its left, low at the front."""
     import procmodels
 
-    model = procmodels.load("chair")
+    model = procmodels.load("paper/chair")
     shape = model.build(model.space.sample(np.random.default_rng(3)))
     bar = trimesh.creation.box(bounds=[(0.1, -0.75, -0.3), (0.7, -0.6, -0.2)])
     both = trimesh.util.concatenate([shape.to_trimesh(), bar])

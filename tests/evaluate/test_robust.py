@@ -17,7 +17,7 @@ from recon.scene import Silhouettes
 
 @pytest.fixture(scope="module")
 def scene():
-    model = load("chair")
+    model = load("paper/chair")
     shape = model.build(model.space.sample(np.random.default_rng(3)))
     cameras, place = orbit(16, seed=2)
     return drawn_scene(shape, cameras, place)

@@ -20,7 +20,7 @@ from recon.fitting.uncertainty import Calibration, chance
 
 @pytest.fixture(scope="module")
 def scene():
-    model = load("chair")
+    model = load("paper/chair")
     params = model.space.sample(np.random.default_rng(8))
     cameras, place = orbit(8, seed=3)
     return model, params, drawn_scene(model.build(params), cameras, place)

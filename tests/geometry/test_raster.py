@@ -79,7 +79,7 @@ def test_cube_is_the_hull_of_its_projected_corners():
 
 def test_agrees_with_ray_casting_on_chairs():
     rng = np.random.default_rng(1)
-    chair = procmodels.load("chair")
+    chair = procmodels.load("paper/chair")
     K, poses, sizes = cameras(rng, 3, 60, 48)
     for k, pose, size in zip(K, poses, sizes, strict=True):
         shape = chair.build(chair.space.sample(rng))
@@ -162,7 +162,7 @@ def test_one_camera_a_view_is_asked_for():
 
 def test_speed(capsys):
     rng = np.random.default_rng(4)
-    chair = procmodels.load("chair")
+    chair = procmodels.load("paper/chair")
     shape = chair.build(chair.space.sample(rng))
     with capsys.disabled():
         for width, height in ((200, 150), (1000, 750)):
@@ -175,7 +175,7 @@ def test_speed(capsys):
 
 
 def test_coverage_is_the_silhouette_with_soft_edges(rng):
-    model = procmodels.load("chair")
+    model = procmodels.load("paper/chair")
     K, poses, sizes = cameras(rng, 6, 120, 100)
     shape = model.build(model.space.sample(rng))
     for hard, soft in zip(silhouettes(shape, K, poses, sizes), coverage(shape, K, poses, sizes), strict=True):

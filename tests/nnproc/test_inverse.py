@@ -14,7 +14,8 @@ from nnproc import accuracy, inverse
 from nnproc.accuracy import KINDS, reading
 from nnproc.infer import load_network, params_from_grids
 from nnproc.inverse import InverseOptions, InverseTrainer, main, train, training_set
-from nnproc.network import NetworkConfig, NNProc, cells_from_grid
+from nnproc.network import NetworkConfig, NNProc
+from nnproc.shape_nets import cells_from_grid
 from procmodels import load
 
 BENCH = """

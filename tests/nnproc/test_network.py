@@ -12,13 +12,11 @@ from nnproc.losses import PAPER, LossWeights, kl_divergence, losses, similarity_
 from nnproc.network import (
     NetworkConfig,
     NNProc,
-    ProductDecoder,
-    cells_from_grid,
-    grid_from_cells,
     occupancy_loss,
     occupancy_slope,
     parameter_count,
 )
+from nnproc.shape_nets import ProductDecoder, cells_from_grid, grid_from_cells
 from procmodels import load, paper_names
 from procmodels.conditions import when
 from procmodels.space import Choice, Flag, Integer, ParamSpace, Scalar

@@ -63,14 +63,14 @@ def test_data_of_another_space_is_refused(data, chair, tmp_path):
 
 def test_the_command_explains_bad_input(tmp_path, capsys):
     assert synthetic_main(["throne", "--out", str(tmp_path)]) == 2
-    assert "chair" in capsys.readouterr().err
-    assert synthetic_main(["chair", "--out", str(tmp_path), "--train-on", "9999"]) == 2
+    assert "paper/chair" in capsys.readouterr().err
+    assert synthetic_main(["paper/chair", "--out", str(tmp_path), "--train-on", "9999"]) == 2
     assert "5760" in capsys.readouterr().err
 
 
 def test_training_stopped_and_resumed_is_training_unstopped(data, tmp_path):
     options = TrainOptions(steps=4, batch=4, checkpoint_every=2)
-    straight = train("chair", data, tmp_path / "a", options).network.state_dict()
+    straight = train("paper/chair", data, tmp_path / "a", options).network.state_dict()
     # A run that dies after its first checkpoint: the checkpoint of step 2 is all that is left.
     calls = []
 
@@ -85,16 +85,16 @@ def test_training_stopped_and_resumed_is_training_unstopped(data, tmp_path):
         save = Trainer.save
         patch.setattr(Trainer, "save", lambda self: (die(), save(self)))
         with pytest.raises(KeyboardInterrupt):
-            train("chair", data, tmp_path / "b", options)
-    resumed = train("chair", data, tmp_path / "b", options).network.state_dict()
+            train("paper/chair", data, tmp_path / "b", options)
+    resumed = train("paper/chair", data, tmp_path / "b", options).network.state_dict()
     for name, value in straight.items():
         assert torch.allclose(value, resumed[name], atol=2e-4), name
 
 
 def test_a_checkpoint_of_other_options_is_refused(data, tmp_path):
-    train("chair", data, tmp_path, TrainOptions(steps=1, batch=4))
+    train("paper/chair", data, tmp_path, TrainOptions(steps=1, batch=4))
     with pytest.raises(ValueError, match="other options"):
-        train("chair", data, tmp_path, TrainOptions(steps=1, batch=4, seed=5))
+        train("paper/chair", data, tmp_path, TrainOptions(steps=1, batch=4, seed=5))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def started(data, tmp_path_factory):
     """Weights after two joint steps, with their card."""
     out = tmp_path_factory.mktemp("started")
     options = TrainOptions(steps=2, batch=4, network=NetworkConfig(layers="product", octaves=2))
-    trainer = train("chair", data, out / "work", options)
+    trainer = train("paper/chair", data, out / "work", options)
     save_network(out / "chair.safetensors", trainer.network)
     write_card(trainer, data, out / "chair.json", "as tested")
     return out / "chair.safetensors"
@@ -111,7 +111,7 @@ def started(data, tmp_path_factory):
 @pytest.mark.parametrize("half", ["decode", "encode"])
 def test_a_half_trains_its_own_part_and_goes_on_from_its_save(half, data, started, chair, tmp_path, monkeypatch):
     options = FinishOptions(decode_steps=4, encode_steps=4, batch=4, save_every=2)
-    finish_half("chair", half, data, tmp_path / "straight", options, started)
+    finish_half("paper/chair", half, data, tmp_path / "straight", options, started)
     straight = load_file(tmp_path / "straight" / f"{half}.safetensors")
     own = {"decode": {"param_encoder", "shape_decoder"}, "encode": {"shape_encoder", "param_decoder"}}[half]
     assert {k.split(".")[1] for k in straight if k.startswith("net.")} == own
@@ -128,8 +128,8 @@ def test_a_half_trains_its_own_part_and_goes_on_from_its_save(half, data, starte
     with monkeypatch.context() as patch:
         patch.setattr(finetune, "_save", die)
         with pytest.raises(KeyboardInterrupt):
-            finish_half("chair", half, data, tmp_path / "stopped", options, started)
-    finish_half("chair", half, data, tmp_path / "stopped", options, started)
+            finish_half("paper/chair", half, data, tmp_path / "stopped", options, started)
+    finish_half("paper/chair", half, data, tmp_path / "stopped", options, started)
     resumed = load_file(tmp_path / "stopped" / f"{half}.safetensors")
     for name, value in straight.items():
         assert torch.allclose(value, resumed[name], atol=2e-4, rtol=1e-2), name
@@ -141,12 +141,12 @@ def test_halves_merge_once(data, started, chair, tmp_path):
         shutil.copy(started.with_suffix(suffix), path.with_suffix(suffix))
     options = FinishOptions(decode_steps=1, encode_steps=1, batch=4)
     for half in ("decode", "encode"):
-        finish_half("chair", half, data, tmp_path / "work", options, path)
-    merge("chair", data, tmp_path / "work", options, path)
+        finish_half("paper/chair", half, data, tmp_path / "work", options, path)
+    merge("paper/chair", data, tmp_path / "work", options, path)
     merged, card = path.read_bytes(), path.with_suffix(".json").read_text()
     assert load_network(chair.space, path).config.layers == "product"
     assert len(json.loads(card)["finish"]) == 1
-    merge("chair", data, tmp_path / "work", options, path)
+    merge("paper/chair", data, tmp_path / "work", options, path)
     assert (path.read_bytes(), path.with_suffix(".json").read_text()) == (merged, card)
 
 

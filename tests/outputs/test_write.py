@@ -32,7 +32,7 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model():
-    return procmodels.load("chair")
+    return procmodels.load("paper/chair")
 
 
 @pytest.fixture(scope="module")

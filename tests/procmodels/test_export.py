@@ -21,7 +21,7 @@ HEIGHT = 0.92
 
 @pytest.fixture(scope="module")
 def asset():
-    model = procmodels.load("chair")
+    model = procmodels.load("paper/chair")
     return Asset(model.build(CHAIR), model.space, CHAIR, HEIGHT, world_from_canonical())  # the chair's height is 1
 
 

@@ -344,7 +344,7 @@ def small_disk(tmp_path):
 
 def test_a_full_disk_leaves_the_earlier_results(tmp_path, small_disk):
     """Wherever in the outputs it becomes full, for anything between nothing and all that they need."""
-    result, model, out = made_up(tmp_path), procmodels.load("chair"), small_disk / "out"
+    result, model, out = made_up(tmp_path), procmodels.load("paper/chair"), small_disk / "out"
     write.run(result, out, SMALL, model)
     before = content(out)
     free = shutil.disk_usage(small_disk).free
@@ -427,7 +427,7 @@ def test_odd_names_are_shown_safely(tmp_path, four):
     import pycolmap
 
     result = made_up(tmp_path, four)
-    paths = write.run(result, tmp_path / "out", SMALL, procmodels.load("chair"))
+    paths = write.run(result, tmp_path / "out", SMALL, procmodels.load("paper/chair"))
     page = paths.report_html.read_bytes().decode()
     assert "<script>alert" not in page
     facts = json.loads(paths.report_json.read_bytes().decode())

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from nnproc.network import RESOLUTION, NNProc
+from nnproc.network import NNProc
 from nnproc.ray_operator import RayOperator, ray_operator
 from nnproc.rays import look_at_cameras
+from nnproc.shape_nets import RESOLUTION
 from recon.evaluate.speed.pairs import Subject
 from recon.evaluate.speed.rows import GROWTH, Side, SpeedOptions, SpeedRow, in_turn
 
