@@ -179,7 +179,7 @@ def test_the_command_ends_in_the_same_outputs(tmp_path, chair, monkeypatch, caps
     shape = chair.build(CHAIR)
     trimesh.Trimesh(shape.vertices(), shape.triangles(), process=False).export(tmp_path / "c.stl")
     sure = Certainty({"width": (0.4, 0.6)}, {"arms": Choice(0.9, "solid", 0.01, 5.0)}, {"width": 0.01}, {"arms": 5.0})
-    seen = Evidence(0.007, 0.0, 0.0, 0.0, 0.0, 0.0)
+    seen = Evidence(0.007, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0)
     others = (("arms = solid", 0.01),)
     answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 1e-4, 2e-4, "up z, front -y", others, True, sure, seen)
     monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: _checked(target, answer))
@@ -201,7 +201,7 @@ def test_what_is_no_chair_is_said_to_be_none(tmp_path, chair, monkeypatch, capsy
     """A refrigerator: the nearest chair is far from it."""
     trimesh.creation.box((0.6, 0.6, 1.7)).export(tmp_path / "fridge.stl")
     sure = Certainty({"width": (0.4, 0.6)}, {"legs": Choice(0.98, "office", 0.01, 5.0)}, {"width": 0.01}, {"legs": 5.0})
-    seen = Evidence(0.09, 0.3, 0.3, 0.6, 2.0, 0.3, {"leg": 0.6})
+    seen = Evidence(0.09, 0.3, 0.3, 0.6, 2.0, 2.0, 0.3, {"leg": 0.6})
     answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 0.016, 0.02, "up z, front -y", (), True, sure, seen)
     monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: answer)
     out = tmp_path / "out"

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from recon.evaluate import calibration
 from recon.evaluate.beliefs.rows import BeliefRow
 from recon.evaluate.calibration import Sample
-from recon.fitting import beliefs
+from recon.fitting import beliefs, evidence
 from recon.fitting.beliefs import DENIED, DOUBTED, HELPS, HIGHEST, LOWEST, Beliefs
 
 Weights = dict[str, float]
@@ -38,6 +38,7 @@ ANSWERS: Prior = {
     "missing": (-8.0, 6.0),
     "idle": (-8.0, 6.0),
     "part": (-2.0, 2.0),
+    "plain": (-3.0, 2.0),
     "unusual": (-0.5, 0.5),
     "edge": (-3.0, 3.0),
     "sure": (2.0, 2.0),
@@ -115,7 +116,7 @@ def _caps(rows: Sequence[BeliefRow], use: Beliefs) -> tuple[tuple[float, float],
     out: list[tuple[float, float]] = []
     for part in np.array_split(np.arange(len(sure)), BINS):
         some = [sure[i] for i in part]
-        middle = float(np.exp(np.mean([np.log(max(m, beliefs.FINEST)) for m, _ in some])))
+        middle = float(np.exp(np.mean([np.log(max(m, evidence.FINEST)) for m, _ in some])))
         # One right and a twentieth of a wrong one are thrown in: few that were all right do not prove it of all.
         share = (sum(r for _, r in some) + 1) / (len(some) + 1.05)
         highest = min(out[-1][1] if out else HIGHEST, share, HIGHEST)
