@@ -42,8 +42,8 @@ class Evidence:
     idle     share of the answer with nothing seen near it
     part     the same of its worst part
     parts    the same by name of part
-    plain    misfit beside that of the convex hull of what is seen: what any plain body explains as well speaks for no
-             class; at most PLAINEST
+    plain    misfit beside that of a plain body, the convex hull of what is seen or something turned on a lathe: what it
+             explains as well speaks for no class; at most PLAINEST
     unusual  mean squared deviation of what its parameters are from what is usual, in spreads
     edge     share of its scalars at an end of their ranges
     """
@@ -83,7 +83,8 @@ def of_outlines(space: ParamSpace, params: Params, shape: Shape, crops: Crops, c
         parts[part.name] = max(parts.get(part.name, 0.0), off)
     return _evidence(
         misfit=1 - float(np.mean([iou(d, m) for d, m in zip(whole, seen, strict=True)])),
-        hull=1 - float(np.mean([iou(_hull(m) & v, m) for m, v in zip(seen, crops.valid, strict=True)])),
+        plain=1
+        - max(float(np.mean([iou(body(m) & v, m) for m, v in zip(seen, crops.valid, strict=True)])) for body in _PLAIN),
         missing=_share([m & b for m, b in zip(seen, bare, strict=True)], seen),
         idle=_share([d & b for d, b in zip(whole, beyond, strict=True)], whole),
         parts=parts,
@@ -113,7 +114,7 @@ def of_surfaces(space: ParamSpace, params: Params, shape: Shape, points: np.ndar
         parts[part.name] = max(parts.get(part.name, 0.0), off)
     return _evidence(
         misfit=_both(there, home),
-        hull=_both(hull_there, back(hull, PLACES)),
+        plain=_both(hull_there, back(hull, PLACES)),
         missing=float((there > NEAR).mean()),
         idle=float((home > NEAR).mean()),
         parts=parts,
@@ -123,11 +124,11 @@ def of_surfaces(space: ParamSpace, params: Params, shape: Shape, points: np.ndar
 
 
 def _evidence(
-    misfit: float, hull: float, missing: float, idle: float, parts: dict[str, float], space: ParamSpace, params: Params
+    misfit: float, plain: float, missing: float, idle: float, parts: dict[str, float], space: ParamSpace, params: Params
 ) -> Evidence:
     odd, edge = looks(space, params)
-    plain = min((misfit + FINEST) / (hull + FINEST), PLAINEST)
-    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), plain, odd, edge, parts)
+    beside = min((misfit + FINEST) / (plain + FINEST), PLAINEST)
+    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), beside, odd, edge, parts)
 
 
 def looks(space: ParamSpace, params: Params) -> tuple[float, float]:
@@ -155,6 +156,21 @@ def _hull(mask: np.ndarray) -> np.ndarray:
     if mask.any():
         cv2.fillConvexPoly(out, cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), (1,))
     return out > 0
+
+
+def _lathed(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: rows as wide as the mask's, without gaps and about one upright axis."""
+    rows = np.flatnonzero(mask.any(1))
+    if not len(rows):
+        return mask
+    left, right = mask[rows].argmax(1), mask.shape[1] - mask[rows, ::-1].argmax(1)
+    axis = np.median((left + right) / 2)
+    out = np.zeros(mask.shape, bool)
+    out[rows] = np.abs(np.arange(mask.shape[1]) + 0.5 - axis) <= ((right - left) / 2)[:, None]
+    return out
+
+
+_PLAIN = (_hull, _lathed)
 
 
 def _convex(points: np.ndarray) -> Triangles:

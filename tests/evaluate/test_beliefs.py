@@ -61,6 +61,14 @@ def test_few_objects_stay_near_what_was_thought_before(many):
     assert none.choices["share"] == fit.CHOICES["share"][0]
 
 
+def test_own_shapes_alone_teach_no_chances(many):
+    own = [replace(r, name=f"own/{i}") if r.belongs else r for i, r in enumerate(many[:200])]
+    use, none = fit.fitted(own), fit.fitted([])
+    assert use.choices == none.choices
+    assert not use.caps
+    assert use.answers != none.answers
+
+
 def test_wrong_signs_are_not_learnt():
     """Better fits that are wrong more often are chance; they must not make bad fits surer."""
     rng = np.random.default_rng(1)

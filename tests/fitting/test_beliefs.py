@@ -86,6 +86,24 @@ def test_a_box_explained_by_a_chair_is_plain_and_a_chair_is_not(look, armchair):
     assert look(shape, shape, params).plain < 0.3
 
 
+def test_what_a_lathe_could_make_is_plain(armchair):
+    """A bottle, however well a chair from behind covers it."""
+    params, _ = armchair
+    rings = [(0.2, 0.0, 0.6), (0.08, 0.6, 0.8), (0.1, 0.8, 1.0)]
+    around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    plan = np.stack([np.cos(around), np.sin(around)], 1)
+    parts = []
+    for r, low, high in rings:
+        ends = [np.column_stack([r * plan, np.full(24, z)]) for z in (low, high)]
+        sides = tuple((i, (i + 1) % 24, 24 + (i + 1) % 24, 24 + i) for i in range(24))
+        parts.append(
+            Part(f"{low}", np.concatenate(ends), (tuple(range(23, -1, -1)), tuple(range(24, 48)), *sides), True)
+        )
+    bottle = normalised(parts)
+    stacked = normalised([box(f"{i}", (-r, -r, low), (r, r, high)) for i, (r, low, high) in enumerate(rings)])
+    assert outlines(stacked, bottle, params).plain > 0.9
+
+
 def test_gaps_of_a_sparse_cloud_say_nothing(armchair):
     params, shape = armchair
     triangles = Triangles.of(shape)

@@ -70,6 +70,18 @@ def test_a_floor_that_leans_is_found_and_the_chair_stands_upright(rng, degrees, 
     assert "beside" in found.said[1]
 
 
+@pytest.mark.parametrize("count", [600, 1500])
+def test_a_floor_of_few_points_is_found(rng, count):
+    points, owner, ground = scan(rng, clutter=False)
+    some = rng.permutation(len(points))[:count]
+    tilt = turned(20)
+    found = without_floor(points[some] @ tilt.T, ("z",), SHARE, 0)
+    assert found is not None
+    assert np.degrees(np.arccos((found.level_from_input @ tilt)[2, 2])) < 2.0
+    over = (owner[some] == CHAIR) & (points[some, 2] > ground + 0.05)
+    assert 0.95 * over.sum() < len(found.points) < 1.1 * (owner[some] == CHAIR).sum()
+
+
 @pytest.mark.parametrize("name", [n for n in names() if n != "sofa"])
 def test_objects_without_a_floor_are_left_alone(name, rng):
     model = load(name)
