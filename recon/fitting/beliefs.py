@@ -25,7 +25,7 @@ import numpy as np
 
 from procmodels.space import ParamSpace
 from recon.fitting import uncertainty
-from recon.fitting.evidence import Evidence
+from recon.fitting.evidence import FINEST, Evidence
 from recon.fitting.uncertainty import Calibration, Certainty, Choice
 
 FILE = Path(__file__).with_name("beliefs.json")
@@ -33,12 +33,11 @@ DEFAULT = "default"
 KINDS = ("mesh", "cloud", "image", "masks")  # of input: surfaces dense or sparse; one outline; several, cameras known
 DENIED, DOUBTED = 0.2, 0.3  # confidence below which an object is said to be none of the class; and may be none
 LOWEST, HIGHEST = 0.02, 0.99  # chances that are stated
-FINEST = 0.005  # of what a misfit can be: a better one says no more
 LEAST_SHARE = 1e-4
 
 # What the curves are of; every one is worse the larger it is, but for "share", "usual" and "sure".
 OF_CHOICES = ("share", "misfit", "missing", "own", "usual")
-OF_ANSWERS = ("misfit", "missing", "idle", "part", "unusual", "edge", "sure")
+OF_ANSWERS = ("misfit", "missing", "idle", "part", "plain", "unusual", "edge", "sure")
 HELPS = ("share", "usual", "sure")
 
 

@@ -115,6 +115,6 @@ class DistanceSearch:
         yield self.stood(state)
         if by_hull:
             target = shape_target.of_triangles(self.hull.triangles, ("z",), "visual hull")
-            found = shape_fit.run(self.anywhere.model, target, self.options.hull)
-            world = self.canonical.world_from_canonical @ found.canonical.world_from_canonical
-            yield self.distances.state(found.params, self.standing.start(world))
+            params, place = shape_fit.nearest(self.anywhere.model, target, self.options.hull)
+            world = self.canonical.world_from_canonical @ place.world_from_canonical
+            yield self.distances.state(params, self.standing.start(world))

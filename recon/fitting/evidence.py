@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from procmodels.shape import Part, Shape
 from procmodels.space import Params, ParamSpace
@@ -24,6 +24,8 @@ from recon.scene import Canonical, cam_from_canonical
 
 NEAR = 0.04  # of the object's longest side
 ENDS = 0.005  # of a scalar's range: nearer to an end it is at the end
+FINEST = 0.005  # of a misfit: a better one says no more
+PLAINEST = 2.0  # times as bad as a convex hull: worse says no more
 OFTEN = 1.5  # spreads off the usual value: an end that lies nearer, as that of a cushion's thickness, is common
 MOST = 9.0  # squared spreads: a value is no odder than that
 PLACES, OF_PART, OF_POINTS = 3000, 60, 4000  # on the shape, on each part, of the input's points
@@ -40,6 +42,8 @@ class Evidence:
     idle     share of the answer with nothing seen near it
     part     the same of its worst part
     parts    the same by name of part
+    plain    misfit beside that of a plain body, the convex hull of what is seen or something turned on a lathe: what it
+             explains as well speaks for no class; at most PLAINEST
     unusual  mean squared deviation of what its parameters are from what is usual, in spreads
     edge     share of its scalars at an end of their ranges
     """
@@ -48,6 +52,7 @@ class Evidence:
     missing: float
     idle: float
     part: float
+    plain: float
     unusual: float
     edge: float
     parts: dict[str, float] = field(default_factory=dict)
@@ -78,6 +83,8 @@ def of_outlines(space: ParamSpace, params: Params, shape: Shape, crops: Crops, c
         parts[part.name] = max(parts.get(part.name, 0.0), off)
     return _evidence(
         misfit=1 - float(np.mean([iou(d, m) for d, m in zip(whole, seen, strict=True)])),
+        plain=1
+        - max(float(np.mean([iou(body(m) & v, m) for m, v in zip(seen, crops.valid, strict=True)])) for body in _PLAIN),
         missing=_share([m & b for m, b in zip(seen, bare, strict=True)], seen),
         idle=_share([d & b for d, b in zip(whole, beyond, strict=True)], whole),
         parts=parts,
@@ -99,13 +106,15 @@ def of_surfaces(space: ParamSpace, params: Params, shape: Shape, points: np.ndar
         found = tree.query(corners.at(corners.places(count))[0])[0]
         return np.maximum(found - spacing, 0)
 
-    home = back(surface, PLACES)
+    home, hull = back(surface, PLACES), _convex(some)
+    hull_there = np.linalg.norm(hull.nearest(some)[0] - some, axis=1)
     parts: dict[str, float] = {}
     for part in shape.parts:
         off = float((back(_triangles(part), OF_PART) > NEAR).mean())
         parts[part.name] = max(parts.get(part.name, 0.0), off)
     return _evidence(
-        misfit=float(np.sqrt((np.square(there).mean() + np.square(home).mean()) / 2)),
+        misfit=_both(there, home),
+        plain=_both(hull_there, back(hull, PLACES)),
         missing=float((there > NEAR).mean()),
         idle=float((home > NEAR).mean()),
         parts=parts,
@@ -115,10 +124,11 @@ def of_surfaces(space: ParamSpace, params: Params, shape: Shape, points: np.ndar
 
 
 def _evidence(
-    misfit: float, missing: float, idle: float, parts: dict[str, float], space: ParamSpace, params: Params
+    misfit: float, plain: float, missing: float, idle: float, parts: dict[str, float], space: ParamSpace, params: Params
 ) -> Evidence:
     odd, edge = looks(space, params)
-    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), odd, edge, parts)
+    beside = min((misfit + FINEST) / (plain + FINEST), PLAINEST)
+    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), beside, odd, edge, parts)
 
 
 def looks(space: ParamSpace, params: Params) -> tuple[float, float]:
@@ -133,6 +143,43 @@ def looks(space: ParamSpace, params: Params) -> tuple[float, float]:
     costs = [*np.square(off[np.isfinite(off)]), *rare]
     ends = (np.minimum(units, 1 - units) < ENDS)[moving] & (np.abs(off) > OFTEN)
     return float(np.minimum(costs, MOST).mean()) if costs else 0.0, float(ends.mean()) if len(ends) else 0.0
+
+
+def _both(there: np.ndarray, back: np.ndarray) -> float:
+    """Root mean square of distances both ways."""
+    return float(np.sqrt((np.square(there).mean() + np.square(back).mean()) / 2))
+
+
+def _hull(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the convex hull of what is white."""
+    out = np.zeros(mask.shape, np.uint8)
+    if mask.any():
+        cv2.fillConvexPoly(out, cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), (1,))
+    return out > 0
+
+
+def _lathed(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: rows as wide as the mask's, without gaps and about one upright axis."""
+    rows = np.flatnonzero(mask.any(1))
+    if not len(rows):
+        return mask
+    left, right = mask[rows].argmax(1), mask.shape[1] - mask[rows, ::-1].argmax(1)
+    axis = np.median((left + right) / 2)
+    out = np.zeros(mask.shape, bool)
+    out[rows] = np.abs(np.arange(mask.shape[1]) + 0.5 - axis) <= ((right - left) / 2)[:, None]
+    return out
+
+
+_PLAIN = (_hull, _lathed)
+
+
+def _convex(points: np.ndarray) -> Triangles:
+    """The convex hull of points (n, 3)."""
+    try:
+        found = ConvexHull(points)
+    except QhullError:
+        found = ConvexHull(points, qhull_options="QJ")
+    return Triangles(points[found.simplices])
 
 
 def _triangles(part: Part) -> Triangles:

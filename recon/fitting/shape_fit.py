@@ -75,7 +75,43 @@ class ShapeFit:
 
 
 def run(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions()) -> ShapeFit:
-    """The best parameters found; deterministic by seed."""
+    """The best parameters found, and how sure they are; deterministic by seed."""
+    solved = _solved(model, target, options)
+    search, ways, problem = solved.search, solved.ways, solved.search.problem
+    found, near_by = _answer(search, solved.state, solved.starts)
+    distance = _final(problem, found, ways)
+    return ShapeFit(
+        params=problem.params(found),
+        canonical=_place(problem, found, ways),
+        distance=distance,
+        start=_final(problem, solved.starts[0], ways),
+        hypothesis=ways[found.front].name,
+        alternatives=tuple((_words(m, ways), distance + off) for m, off in search.behind(found, near_by)),
+        network=solved.network,
+        certainty=uncertainty.run(search, found, _calibration(model, target), near_by),
+        evidence=_evidence(problem, found, ways, target),
+    )
+
+
+def nearest(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions()) -> tuple[Params, Canonical]:
+    """The best parameters found and where they stand, without asking how sure they are."""
+    solved = _solved(model, target, options)
+    found = _turned(solved.search, solved.state)
+    return solved.search.problem.params(found), _place(solved.search.problem, found, solved.ways)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The best state of a search, and what it began with: starts, best first, and whether a network gave some."""
+
+    search: Search
+    state: State
+    ways: list[Hypothesis]
+    starts: list[State]
+    network: bool
+
+
+def _solved(model: Model, target: Target, options: ShapeFitOptions) -> _Solved:
     ways = hypotheses(target)
     problem = problem_of(model, target, ways, options.fine)
     starts, network = _starts(problem, target, ways, options)
@@ -90,23 +126,25 @@ def run(model: Model, target: Target, options: ShapeFitOptions = ShapeFitOptions
         tries=options.tries,
         fronts=False,
     )
-    search = Search(problem, schedule)
-    found, near_by = _answer(search, solve(problem, chosen.values(), schedule).state, starts)
-    way = ways[found.front]
-    move = np.linalg.inv(problem.placement.posed(problem.shape(found), np.zeros(5), found.front).target_from_shape)
-    distance = _final(problem, found, ways)
-    place = move @ problem.posed(found).target_from_shape
-    return ShapeFit(
-        params=problem.params(found),
-        canonical=Canonical(way.input_from_canonical @ place),
-        distance=distance,
-        start=_final(problem, starts[0], ways),
-        hypothesis=way.name,
-        alternatives=tuple((_words(m, ways), distance + off) for m, off in search.behind(found, near_by)),
-        network=network,
-        certainty=uncertainty.run(search, found, _calibration(model, target), near_by),
-        evidence=_evidence(problem, found, way, place, target),
+    state = solve(problem, chosen.values(), schedule).state
+    return _Solved(Search(problem, schedule), state, ways, starts, network)
+
+
+def _turned(search: Search, state: State) -> State:
+    """The state, or what faces the likelier way."""
+    return turned_round(search, state, lambda loss: (1 + NEARLY) * loss + 2e-5)
+
+
+def _in_way(problem: Problem, state: State) -> np.ndarray:
+    """(4, 4) similarity: where the shape stands in the frame of its way to stand."""
+    way_from_target = np.linalg.inv(
+        problem.placement.posed(problem.shape(state), np.zeros(5), state.front).target_from_shape
     )
+    return way_from_target @ problem.posed(state).target_from_shape
+
+
+def _place(problem: Problem, state: State, ways: list[Hypothesis]) -> Canonical:
+    return Canonical(ways[state.front].input_from_canonical @ _in_way(problem, state))
 
 
 def _answer(search: Search, state: State, starts: list[State]) -> tuple[State, list[Neighbour]]:
@@ -118,7 +156,7 @@ def _answer(search: Search, state: State, starts: list[State]) -> tuple[State, l
     if problem.loss(best) < problem.loss(state):
         state, near_by = search.compared(search.finished(search.improved(best)))
         others = _elsewhere(search, state, starts)
-    round_ = turned_round(search, state, lambda loss: (1 + NEARLY) * loss + 2e-5)
+    round_ = _turned(search, state)
     if round_ is not state:
         state, near_by = round_, search.polished_neighbours(round_)
         others = _elsewhere(search, state, starts)
@@ -149,10 +187,10 @@ def _words(move: moves.Move, ways: list[Hypothesis]) -> str:
     return ways[move.front].name if isinstance(move, moves.Face) else str(move)
 
 
-def _evidence(problem: Problem, state: State, way: Hypothesis, place: np.ndarray, target: Target) -> Evidence:
-    """Of the answer that stands at `place` in the frame of its way to stand."""
-    shape_from_way = np.linalg.inv(place)
-    points = way.points @ shape_from_way[:3, :3].T + shape_from_way[:3, 3]
+def _evidence(problem: Problem, state: State, ways: list[Hypothesis], target: Target) -> Evidence:
+    """What the input's points say of the answer where it stands."""
+    shape_from_way = np.linalg.inv(_in_way(problem, state))
+    points = ways[state.front].points @ shape_from_way[:3, :3].T + shape_from_way[:3, 3]
     spacing = 0.0 if target.complete else GAPPY * target.spacing
     return evidence.of_surfaces(problem.model.space, problem.params(state), problem.shape(state), points, spacing)
 

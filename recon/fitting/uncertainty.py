@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import stdtrit
 
+from procmodels.shape import Part, Shape
 from recon.fitting import moves
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 FILE = Path(__file__).with_name("calibration.json")
 LEVEL = 0.9  # stated for intervals
+ELSEWHERE = 0.05  # canonical units that a part's box must lie off its namesake's
 PRIOR = 12.0  # 1 / variance of a scalar that may be anywhere in its range, in shares of the range
 
 
@@ -59,7 +61,7 @@ class Choice:
 
     share  the gap as a share of what is left unexplained
     usual  log(share of objects that have the answer's value / that have the rival's), 0 where nothing is said of it
-    parts  names of the parts that the answer has and the rival does not
+    parts  names of the parts that the answer has and the rival has not, or elsewhere
     """
 
     chance: float
@@ -149,12 +151,29 @@ def _choices(problem: Problem, state: State, neighbours: Sequence[Neighbour], us
             name = move.values[0][0]
             if name not in rivals or problem.loss(other) < problem.loss(rivals[name]):
                 rivals[name] = other
-    own = {p.name for p in problem.shape(state).parts}
     out = {}
     for name, rival in rivals.items():
         gap = max(0.0, problem.loss(rival) - here)  # never less than 0
         share = gap / (here + problem.target.noise)
         usual = problem.usual.log_ratio(name, state.choices[name], rival.choices[name])
-        parts = tuple(sorted(own - {p.name for p in problem.shape(rival).parts}))
+        parts = _own(problem.shape(state), problem.shape(rival))
         out[name] = Choice(chance(share, use), rival.choices[name], gap, share, usual, parts)
     return out
+
+
+def _own(shape: Shape, rival: Shape) -> tuple[str, ...]:
+    """Names of the parts that a shape has and its rival has not, or elsewhere."""
+    there: dict[str, list[np.ndarray]] = {}
+    for part in rival.parts:
+        there.setdefault(part.name, []).append(_box(part))
+    own = {
+        part.name
+        for part in shape.parts
+        if not any(np.abs(_box(part) - box).max() < ELSEWHERE for box in there.get(part.name, ()))
+    }
+    return tuple(sorted(own))
+
+
+def _box(part: Part) -> np.ndarray:
+    """(2, 3) lower and upper corner."""
+    return np.stack([part.vertices.min(0), part.vertices.max(0)])

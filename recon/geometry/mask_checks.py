@@ -10,6 +10,7 @@ SURELY = 0.9  # the same, where no other view can confirm it
 RIVAL = 0.3  # a second part this large, compared with the largest, may be another object
 FULL = 0.85  # of the photo that no photographed object fills
 CUT = 0.02  # of the photo's edge that an object touches, at least, to be cut by it
+FLAT, EDGED = 2.0, 0.75  # change of colour a pixel, 0..255, that is no edge; share of a right outline that is one
 MANY = 0.34  # of the photos that must show something wrong before it is said
 
 
@@ -28,6 +29,29 @@ def areas(mask: np.ndarray) -> np.ndarray:
     """Areas in px of the mask's connected parts, largest first."""
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     return np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
+
+
+def outline_support(image: np.ndarray, mask: np.ndarray) -> float:
+    """Share of the outline of a mask (H, W) bool that runs along an edge of its photo (H, W, 3) uint8 BGR; 1 for none.
+
+    An edge is where the colour changes faster than it does in half of the photo.
+    """
+    colours = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32), (0, 0), 1)
+    across, down = (cv2.Sobel(colours, cv2.CV_32F, *d) / 8 for d in ((1, 0), (0, 1)))
+    steep = np.sqrt((across**2 + down**2).max(2))
+    near = cv2.dilate(steep, np.ones((5, 5), np.uint8))
+    line = mask & (cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    line[[0, -1]] = line[:, [0, -1]] = False  # where the photo ends, no edge can be
+    return float((near[line] > max(FLAT, float(np.median(steep)))).mean()) if line.any() else 1.0
+
+
+def unusable(mask: np.ndarray) -> str | None:
+    """Why an automatic mask (H, W) bool cannot be the object, or None: it fills the photo, or runs along its edge."""
+    if mask.mean() > FULL or edge_share(mask) > SUSPECT:
+        return (
+            "what was found fills the photo or runs along its edge: the object was not told from the room; give a mask"
+        )
+    return None
 
 
 def implausible(masks: list[np.ndarray]) -> list[str]:

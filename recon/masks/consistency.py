@@ -118,6 +118,8 @@ def contradictions(found: Votes, share: float, slack: np.ndarray, least: int) ->
         if len(found.views) < least:
             break
         covered = found.each_covered(share)
+        if all(c >= 1 - slack[v] for v, c in covered.items()):
+            break
         worst = _worst(found, covered, share)
         rest = found.less(worst)
         after = rest.each_covered(share)

@@ -25,6 +25,7 @@ from recon.system.names import unique
 from recon.system.whole_files import write_picture
 
 log = logging.getLogger("recon.masks.silhouettes")
+INSIDE = 0.03  # of a mask outside the others' shape: no more lies outside that of a right one
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class SilhouetteOptions:
     few: int = 8  # photos; with fewer, that nothing was found is put down to it
     judge_cells: int = 96  # cells along the object's box in which masks are compared
     judge_share: float = 0.8  # of the other masks that must contain a cell
-    judge_slack: tuple[float, float] = (0.07, 0.2)  # of a mask, drawn or found, that may lie outside the others' shape
+    judge_slack: tuple[float, float] = (0.07, 0.12)  # of a mask, drawn or found, that may lie outside the others' shape
     consistent: float = 0.6  # of inverted masks, turned round, that their common shape must explain to be believed
     judge_least: int = 4  # masks; fewer cannot outvote one
 
@@ -78,6 +79,7 @@ def run(
             reasons += [(cameras.names[v], f"has no mask, and none was found: {error}") for v in open_views]
     warnings += mask_checks.implausible([masks[v] for v in open_views])
     reasons += [(n, "nothing of the object was found in it") for n in _empty(cameras, masks, reasons)]
+    reasons += [(cameras.names[v], f"{why} (--masks)") for v in open_views if (why := mask_checks.unusable(masks[v]))]
     bad = dict(reasons)
     used = np.array([name not in bad for name in cameras.names])
     hidden = {v: unknown[n] for v, n in enumerate(cameras.names) if n in unknown}
@@ -190,7 +192,7 @@ def _contradicts(c: consistency.Contradiction) -> str:
             f"its camera was placed wrongly, which contradicts the others: {outside}, and it would fit about "
             f"{abs(c.turned):.0f} degrees further round the object; more photos in between help"
         )
-    if 1 - c.covered < 1 - c.kept:
+    if 1 - c.covered < INSIDE:
         return f"its mask contradicts the others: it lacks {1 - c.kept:.0%} of what they show of the object"
     return f"its mask or its camera contradicts the others: {outside}"
 

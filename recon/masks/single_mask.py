@@ -11,12 +11,14 @@ import numpy as np
 from recon.files import frames
 from recon.files.frames import FramesOptions
 from recon.files.mask_images import BadMask, read_mask, read_unknown
-from recon.geometry.mask_checks import FULL, RIVAL, areas, surely_inverted
+from recon.geometry.mask_checks import EDGED, FULL, RIVAL, areas, outline_support, surely_inverted
 from recon.scene import Frames, InputError
 
 LEAST_AREA = 150  # px that an object must cover
 MAIN = 0.5  # of an object's mask that its largest part must have
+SPECK = (0.005, 0.02)  # of the largest part: smaller ones of a drawn mask, and of one that was found, are none
 RUNS = 0.25  # of a side of the box that an object touches, at least, when the box cuts it
+REACHED = 0.55  # of a side of the box that an object in it reaches, at least
 GRABCUT_SIDE = 640  # px, longest side of the picture that GrabCut works on
 WHAT_TO_GIVE = (
     "give --mask FILE (white = object), --box x,y,w,h round the object in pixels, or a PNG whose background is "
@@ -147,7 +149,7 @@ def checked(
             "could not be told from the background; give --mask FILE (white = object)"
         )
     largest = 1 + int(sizes.argmax())
-    keep = np.r_[False, sizes >= (0.02 * sizes.max() if boxed else 0)]
+    keep = np.r_[False, sizes >= SPECK[int(boxed)] * sizes.max()]
     rivals = (sizes >= RIVAL * sizes.max()).sum() - 1
     if rivals:
         warnings.append(f"the mask of {name} shows {rivals + 1} large separate parts: the largest is taken")
@@ -191,13 +193,19 @@ def _grabcut(shot: Frames, box: tuple[float, float, float, float], seed: int) ->
     if not 0.03 < found.sum() / (wide * high) < 0.97:
         raise InputError(f"no object could be told from the background in --box of {shot.names[0]}; give --mask FILE")
     notes = _in_its_box(found[top : top + high, left : left + wide] > 0, (left, top, wide, high), found.shape, shot)
+    if (edged := outline_support(small, found > 0)) < EDGED:
+        notes += (
+            f"{1 - edged:.0%} of the outline found in {shot.names[0]} runs where the photo shows no edge: it may cut "
+            "the object or take in background; look at contact_sheet.png, and give --mask FILE (white = object)",
+        )
     return cv2.resize(found.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5, notes
 
 
 def _in_its_box(
     inside: np.ndarray, box: tuple[int, int, int, int], shape: tuple[int, ...], shot: Frames
 ) -> tuple[str, ...]:
-    """A warning when the box cuts what was found in it (h, w) bool; raises InputError when it just fills the box."""
+    """Warnings when the box cuts what was found in it (h, w) bool, or is far too large for it; raises InputError when
+    it just fills the box."""
     left, top, wide, high = box
     free = {  # sides of the box that are not the photo's own edge
         "left": (inside[:, 0], left > 0),
@@ -211,6 +219,14 @@ def _in_its_box(
             f"what was found in --box of {shot.names[0]} fills the box: the object was not told from the background; "
             "draw the box a little larger, or give --mask FILE (white = object)"
         )
-    if not cut:
-        return ()
-    return (f"--box seems to cut the object of {shot.names[0]} ({', '.join(cut)}): draw it a little larger",)
+    notes = []
+    if cut:
+        notes.append(f"--box seems to cut the object of {shot.names[0]} ({', '.join(cut)}): draw it a little larger")
+    filled = [np.flatnonzero(inside.any(axis)) for axis in (0, 1)]
+    share = min((np.ptp(f) + 1) / n for f, n in zip(filled, (wide, high), strict=True))
+    if share < REACHED:
+        notes.append(
+            f"what was found in --box of {shot.names[0]} takes up {share:.0%} of it from side to side: if the object "
+            "is larger, parts of it were taken for background; draw the box closer round it, or give --mask FILE"
+        )
+    return tuple(notes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from datasets.mesh_reader import LARGEST
 from recon.scene import InputError
+from recon.shapes import floor_removal
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,17 @@ class CleaningOptions:
     floor_share: float = 0.08  # of the points; a sheet of fewer is no floor
 
 
+@dataclass(frozen=True)
+class Cleaned:
+    """points (m, 3) of the object; what was left out, in words; and, where a floor that leans told it, the rotation
+    level_from_input (3, 3) that sets the object upright and the only axis `up` that then points up."""
+
+    points: np.ndarray
+    said: list[str]
+    level_from_input: np.ndarray = field(default_factory=lambda: np.eye(3))
+    up: str | None = None
+
+
 def cleaned(
     points: np.ndarray,
     path: Path,
@@ -31,8 +43,8 @@ def cleaned(
     most: int,
     seed: int,
     options: CleaningOptions = CleaningOptions(),
-) -> tuple[np.ndarray, list[str]]:
-    """At most `most` points (m, 3) of the object, of (n, 3); and what was left out, in words.
+) -> Cleaned:
+    """At most `most` points of the object, of (n, 3).
 
     ups    axes that may point up: a floor is looked for at the other end
     noisy  whether there may be outliers
@@ -47,8 +59,10 @@ def cleaned(
     if noisy and len(points) > 1:
         points = _without_outliers(points, options.outlier, said)
     _check_extent(points, path)
+    if (found := floor_removal.without_floor(points, ups, options.floor_share, seed)) is not None:
+        return Cleaned(found.points, [*said, *found.said], found.level_from_input, found.up)
     points = _without_floor(points, ups, options, said)
-    return _largest(points, said), said
+    return Cleaned(_largest(points, said), said)
 
 
 def _usable(points: np.ndarray, path: Path, least: int, said: list[str]) -> np.ndarray:

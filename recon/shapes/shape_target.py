@@ -46,6 +46,7 @@ class Target:
     complete  False for sparse clouds, whose gaps say little
     triangles (m, 3, 3) float corners of the mesh; (0, 3, 3) when points are all that is known
     ups       axes that may point up, the format's convention first
+    level_from_input  (3, 3) rotation that sets upright what stood on a floor that leans; the axes are those after it
     kind      Kind, and what in words
     """
 
@@ -58,6 +59,7 @@ class Target:
     kind: str
     what: str
     warnings: tuple[str, ...] = ()
+    level_from_input: np.ndarray = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,9 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
         what = _counted(path, what, "a point cloud", f"{len(points):,} points")
     ups = ups_of(path) if options.up == "auto" else (_axis(options.up, "--up"),)
     noisy = kind in (Kind.CLOUD, Kind.SPLAT)
-    clean, warnings = cleaned(points, path, ups, noisy, options.samples, options.seed, options.cleaning)
+    left = cleaned(points, path, ups, noisy, options.samples, options.seed, options.cleaning)
+    clean, warnings = left.points, left.said
+    ups = ups if left.up is None else (left.up,)
     if len(warnings):
         triangles = triangles[:0]  # what was left out of the points must not come back
         log.warning("%s", "; ".join(warnings))
@@ -93,7 +97,8 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
     if fronts and not any(up.strip("-") != fronts[0].strip("-") for up in ups):
         raise InputError(f"--up {options.up} and --front {options.front} are the same line; they must differ")
     complete = kind in (Kind.MESH, Kind.VOXELS)
-    return Target(clean, spacing_of(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings))
+    level = left.level_from_input
+    return Target(clean, spacing_of(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings), level)
 
 
 def _counted(path: Path, what: str, kind: str, number: str) -> str:
@@ -125,7 +130,7 @@ def hypotheses(target: Target) -> list[Hypothesis]:
     for up in target.ups:
         for front in target.fronts or [a for a in ("-y", "z", "y", "x", "-x", "-z") if a.strip("-") != up.strip("-")]:
             if front.strip("-") != up.strip("-"):
-                rotation, said = turn(up, front), f"up {up}, front {front}"
+                rotation, said = turn(up, front) @ target.level_from_input, f"up {up}, front {front}"
                 if not target.fronts and (yaw := _askew(target.points @ rotation.T)):
                     rotation, said = _yaw(-yaw) @ rotation, f"{said} turned by {yaw:.0f} degrees"
                 points, back = canonical(target.points, rotation)

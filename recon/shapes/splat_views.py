@@ -127,7 +127,8 @@ def the_object(
             f"{path} has {int(kept.sum())} opaque Gaussians where the cameras look; are they those that the splat was "
             "trained with, in the same world?"
         )
-    clean, said = cleaned(near[kept] @ axes.T, path, ("z",), True, len(near), options.seed, options.cleaning)
+    left = cleaned(near[kept] @ axes.T, path, ("z",), True, len(near), options.seed, options.cleaning)
+    clean, said = left.points, left.said
     tree = cKDTree(near)
     belongs = np.zeros(len(near), bool)
     belongs[tree.query(clean @ axes)[1]] = True

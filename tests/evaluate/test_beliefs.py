@@ -24,7 +24,7 @@ def made_up(rng, i, belongs):
     share = float(np.exp(rng.uniform(-5, 1)))
     odds = 0.8 * np.log(share) - 1.0 * np.log(misfit) - 2
     right = bool(rng.random() < 1 / (1 + np.exp(-odds)))
-    found = Evidence(misfit, abs(rng.normal(0, off)), abs(rng.normal(0, off)), 0.1, 0.5, 0.0)
+    found = Evidence(misfit, abs(rng.normal(0, off)), abs(rng.normal(0, off)), 0.1, 0.4, 0.5, 0.0)
     told = Told(Choice(0.5, "none", 0.01, share), "posts", right if belongs else None)
     return BeliefRow(f"a/{i}", "chair" if belongs else "car", "mesh", belongs, found, {"arms": told}, (), 1.0)
 
@@ -59,6 +59,14 @@ def test_few_objects_stay_near_what_was_thought_before(many):
     few, none = fit.fitted(many[:4]), fit.fitted([])
     assert few.choices["share"] == pytest.approx(none.choices["share"], abs=0.3)
     assert none.choices["share"] == fit.CHOICES["share"][0]
+
+
+def test_own_shapes_alone_teach_no_chances(many):
+    own = [replace(r, name=f"own/{i}") if r.belongs else r for i, r in enumerate(many[:200])]
+    use, none = fit.fitted(own), fit.fitted([])
+    assert use.choices == none.choices
+    assert not use.caps
+    assert use.answers != none.answers
 
 
 def test_wrong_signs_are_not_learnt():
@@ -117,7 +125,7 @@ def test_the_gather_goes_on_where_it_stopped(things, tmp_path, monkeypatch):
         if len(asked) == 3:
             raise KeyboardInterrupt
         params = {p.name: p.usual_value() for p in model.space.parameters}
-        return params, None, Evidence(0.01, 0.0, 0.0, 0.0, 0.5, 0.0)
+        return params, None, Evidence(0.01, 0.0, 0.0, 0.0, 0.2, 0.5, 0.0)
 
     monkeypatch.setitem(gather.ANSWERS, "mesh", answer)
     with pytest.raises(KeyboardInterrupt):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from procmodels.classes import chair
+from procmodels.parts.primitives import box
 from procmodels.shape import Part, Shape, normalised
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.fitting import beliefs, evidence
@@ -16,9 +17,9 @@ from recon.geometry.object_windows import object_crops
 from recon.geometry.triangles import Triangles
 
 SPACE = chair.SPACE
-GOOD = Evidence(0.01, 0.0, 0.0, 0.0, 0.5, 0.0, {"arm": 0.0})
+GOOD = Evidence(0.01, 0.0, 0.0, 0.0, 0.15, 0.5, 0.0, {"arm": 0.0})
 CHOICE = Choice(0.9, "none", 0.02, 0.5, 0.0, ("arm",))
-WORSE = {"misfit": 0.3, "missing": 0.3, "idle": 0.3, "part": 0.9, "unusual": 4.0, "edge": 0.4}
+WORSE = {"misfit": 0.3, "missing": 0.3, "idle": 0.3, "part": 0.9, "plain": 1.5, "unusual": 4.0, "edge": 0.4}
 
 
 def shape_of(**changed):
@@ -72,6 +73,34 @@ def test_what_is_seen_without_a_part_counts_against_it(look, armchair):
     found = look(without(shape, "arm"), shape, params)
     assert found.missing > 0.01
     assert (found.idle, found.part) == pytest.approx((0, 0), abs=0.01)
+
+
+@pytest.mark.parametrize("look", [outlines, surfaces])
+def test_a_box_explained_by_a_chair_is_plain_and_a_chair_is_not(look, armchair):
+    """A convex hull explains a box; of a chair it leaves much."""
+    params, shape = armchair
+    bulk = normalised([box("box", (-0.3, -0.3, 0), (0.3, 0.3, 1))])
+    nearest, low = shape_of(base="panel", arms="panel", apron=0.9)
+    assert look(low, bulk, nearest).plain == evidence.PLAINEST
+    assert look(shape, shape, params).plain < 0.3
+
+
+def test_what_a_lathe_could_make_is_plain(armchair):
+    """A bottle, however well a chair from behind covers it."""
+    params, _ = armchair
+    rings = [(0.2, 0.0, 0.6), (0.08, 0.6, 0.8), (0.1, 0.8, 1.0)]
+    around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    plan = np.stack([np.cos(around), np.sin(around)], 1)
+    parts = []
+    for r, low, high in rings:
+        ends = [np.column_stack([r * plan, np.full(24, z)]) for z in (low, high)]
+        sides = tuple((i, (i + 1) % 24, 24 + (i + 1) % 24, 24 + i) for i in range(24))
+        parts.append(
+            Part(f"{low}", np.concatenate(ends), (tuple(range(23, -1, -1)), tuple(range(24, 48)), *sides), True)
+        )
+    bottle = normalised(parts)
+    stacked = normalised([box(f"{i}", (-r, -r, low), (r, r, high)) for i, (r, low, high) in enumerate(rings)])
+    assert outlines(stacked, bottle, params).plain > 0.9
 
 
 def test_gaps_of_a_sparse_cloud_say_nothing(armchair):

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from recon.files import mask_images
-from recon.geometry.mask_checks import implausible
+from recon.geometry.mask_checks import EDGED, implausible, outline_support, unusable
 from recon.geometry.room_planes import find_room, floor_plane, up_direction
 from recon.geometry.undistort import undistorted_mask
 from recon.masks import silhouettes
@@ -319,6 +319,30 @@ def test_automatic_masks_that_cannot_be_right_are_told() -> None:
     assert "in 3 of 5 photos the object that was found reaches" in implausible([good] * 2 + [cut] * 3)[0]
     assert "separate pieces" in implausible([two, two, good])[0]
     assert any("fills the photo" in w and "--masks" in w for w in implausible([full, full, good]))
+
+
+def test_an_automatic_mask_that_fills_its_photo_is_not_used() -> None:
+    good, frame = np.zeros((90, 120), bool), np.ones((90, 120), bool)
+    good[20:70, 30:90] = True
+    frame[10:-10, 10:-10] = False
+    assert unusable(good) is None
+    for bad in (np.ones_like(good), frame):
+        assert "give a mask" in (unusable(bad) or "")
+
+
+def test_outlines_beside_the_photos_edges_are_told() -> None:
+    """A right mask runs along edges, one that takes in a shadow's width of plain floor does not."""
+    photo = np.full((120, 160, 3), 150, np.uint8) + np.random.default_rng(0).integers(0, 6, (120, 160, 3), np.uint8)
+    mask = np.zeros((120, 160), bool)
+    mask[30:90, 50:110] = True
+    photo[mask] = (40, 60, 190)
+    wide = cv2.dilate(mask.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    half = mask.copy()
+    half[:, 80:] = False
+    assert outline_support(photo, mask) > 0.99
+    assert outline_support(photo, wide) < EDGED
+    assert outline_support(photo, half) < 0.85
+    assert outline_support(photo, np.zeros_like(mask)) == 1
 
 
 def test_same_stem_twice_needs_the_full_name(scene: Scene, tmp_path: Path) -> None:

@@ -291,6 +291,24 @@ def test_a_box_that_the_object_runs_into_or_fills(tmp_path):
         single_mask.run(photo, tmp_path / "work", box=(105, 65, 70, 110))
 
 
+def test_a_box_far_larger_than_what_is_found_is_told(tmp_path):
+    photo = _photo(tmp_path / "a.png", boxes=((100, 60, 80, 120),))
+    masked = single_mask.run(photo, tmp_path / "work", box=(5, 40, 310, 160))
+    assert "takes up 26% of it" in masked.warnings[0]
+    assert "--mask" in masked.warnings[0]
+
+
+def test_specks_of_a_drawn_mask_are_no_object():
+    mask = np.zeros((200, 300), bool)
+    mask[60:160, 100:180] = True
+    specks = mask.copy()
+    specks[3:7, 280:284] = specks[190:193, 5:9] = True
+    assert (single_mask.checked(specks, "a.png")[0] == mask).all()
+    leg = mask.copy()
+    leg[165:190, 110:114] = True  # seen below something that hides the rest
+    assert (single_mask.checked(leg, "a.png")[0] == leg).all()
+
+
 def test_a_box_is_four_numbers():
     assert single_mask.parse_box("1, 2,3,4.5") == (1, 2, 3, 4.5)
     for text in ("1,2,3", "a,b,c,d", "0,0,-5,5", "0,0,nan,5"):

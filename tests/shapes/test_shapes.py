@@ -168,6 +168,9 @@ def test_a_turned_and_scaled_chair_is_found_again(tmp_path, chair):
     back = found.canonical.world_from_canonical
     here = found.distance
     assert here < 1e-4
+    assert all(distance >= here for _, distance in found.alternatives)
+    assert {"up y, front", "arms = "} <= {words[:11] if "up" in words else words[:7] for words, _ in found.alternatives}
+    assert set(found.certainty.choices) == {"legs", "arms", "back"}
     np.testing.assert_allclose(back[:3, :3] / 40, y_up @ turn, atol=0.01)
 
 
@@ -176,7 +179,7 @@ def test_the_command_ends_in_the_same_outputs(tmp_path, chair, monkeypatch, caps
     shape = chair.build(CHAIR)
     trimesh.Trimesh(shape.vertices(), shape.triangles(), process=False).export(tmp_path / "c.stl")
     sure = Certainty({"width": (0.4, 0.6)}, {"arms": Choice(0.9, "solid", 0.01, 5.0)}, {"width": 0.01}, {"arms": 5.0})
-    seen = Evidence(0.007, 0.0, 0.0, 0.0, 0.0, 0.0)
+    seen = Evidence(0.007, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0)
     others = (("arms = solid", 0.01),)
     answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 1e-4, 2e-4, "up z, front -y", others, True, sure, seen)
     monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: _checked(target, answer))
@@ -192,6 +195,26 @@ def test_the_command_ends_in_the_same_outputs(tmp_path, chair, monkeypatch, caps
     assert report["belongs"]
     for name in ("mesh.glb", "mesh.obj", "model.blend", "params.json", "report.html", "contact_sheet.png"):
         assert_opens(out / name)
+
+
+def test_what_is_no_chair_is_said_to_be_none(tmp_path, chair, monkeypatch, capsys):
+    """A refrigerator: the nearest chair is far from it."""
+    trimesh.creation.box((0.6, 0.6, 1.7)).export(tmp_path / "fridge.stl")
+    sure = Certainty({"width": (0.4, 0.6)}, {"legs": Choice(0.98, "office", 0.01, 5.0)}, {"width": 0.01}, {"legs": 5.0})
+    seen = Evidence(0.09, 0.3, 0.3, 0.6, 2.0, 2.0, 0.3, {"leg": 0.6})
+    answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 0.016, 0.02, "up z, front -y", (), True, sure, seen)
+    monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: answer)
+    out = tmp_path / "out"
+    assert main([str(tmp_path / "fridge.stl"), "--up", "z", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "no chair; the nearest one:" in said
+    assert "warning: this is not a chair" in said
+    assert "30% of what is seen has nothing of the result near it" in said
+    report = json.loads((out / "report.json").read_text())
+    assert report["confidence"] < 0.2
+    assert not report["belongs"]
+    assert report["certainty"]["params"]["legs"]["chance"] < 0.9
+    assert "Not a chair: the nearest one from" in (out / "report.html").read_text()
 
 
 def _checked(target, answer):

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from recon.evaluate import calibration
 from recon.evaluate.beliefs.rows import BeliefRow
 from recon.evaluate.calibration import Sample
-from recon.fitting import beliefs
+from recon.fitting import beliefs, evidence
 from recon.fitting.beliefs import DENIED, DOUBTED, HELPS, HIGHEST, LOWEST, Beliefs
 
 Weights = dict[str, float]
@@ -38,6 +38,7 @@ ANSWERS: Prior = {
     "missing": (-8.0, 6.0),
     "idle": (-8.0, 6.0),
     "part": (-2.0, 2.0),
+    "plain": (-3.0, 2.0),
     "unusual": (-0.5, 0.5),
     "edge": (-3.0, 3.0),
     "sure": (2.0, 2.0),
@@ -45,6 +46,7 @@ ANSWERS: Prior = {
 NAMES = 0.5  # spread of what a choice's name adds
 BINS, SUREST = 4, 0.8  # of misfits for the caps; chance from which a choice is one of the surest
 GATE = 0.25  # confidence at the misfit that parts the class from others best: between denied and not even doubted
+LABELLED = 12  # choices of real objects, fewer set no chances
 FEWEST = 200  # scalars of known truth, fewer set no intervals
 SHARES = (0.95, 0.9)  # of others to be denied, of the class not to be doubted
 
@@ -53,6 +55,8 @@ def fitted(rows: Sequence[BeliefRow], names: bool = True) -> Beliefs:
     """The beliefs that some objects of one kind of input teach. names: whether choices are told apart by name."""
     own_names = sorted({n for r in rows for n in r.choices}) if names else []
     looked = [(r, n, t) for r in rows for n, t in r.choices.items() if t.right is not None]
+    if sum(not r.own for r, *_ in looked) < LABELLED:  # what is right of own shapes alone says little of real ones
+        looked = []
     numbers = [beliefs.of_choice(t.choice, r.evidence) for r, _, t in looked]
     table = [
         [x[k] for k in CHOICES if k != "base"] + [float(n == o) for o in own_names]
@@ -61,7 +65,7 @@ def fitted(rows: Sequence[BeliefRow], names: bool = True) -> Beliefs:
     prior = {**CHOICES, **{f"name {n}": (0.0, NAMES) for n in own_names}}
     found = _logistic(table, [bool(t.right) for *_, t in looked], prior)
     use = Beliefs({k: found[k] for k in CHOICES}, {}, {n: found[f"name {n}"] for n in own_names}, objects=len(rows))
-    use = replace(use, caps=_caps(rows, use), intervals=_intervals(rows))
+    use = replace(use, caps=_caps(rows, use) if looked else (), intervals=_intervals(rows))
     return replace(use, answers=_answers(rows, use))
 
 
@@ -115,7 +119,7 @@ def _caps(rows: Sequence[BeliefRow], use: Beliefs) -> tuple[tuple[float, float],
     out: list[tuple[float, float]] = []
     for part in np.array_split(np.arange(len(sure)), BINS):
         some = [sure[i] for i in part]
-        middle = float(np.exp(np.mean([np.log(max(m, beliefs.FINEST)) for m, _ in some])))
+        middle = float(np.exp(np.mean([np.log(max(m, evidence.FINEST)) for m, _ in some])))
         # One right and a twentieth of a wrong one are thrown in: few that were all right do not prove it of all.
         share = (sum(r for _, r in some) + 1) / (len(some) + 1.05)
         highest = min(out[-1][1] if out else HIGHEST, share, HIGHEST)

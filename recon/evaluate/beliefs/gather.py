@@ -79,8 +79,8 @@ class Thing:
 
 
 def file_of(model: Model, options: GatherOptions) -> Path:
-    """Where the rows of a class lie. Another space or other parts are another class."""
-    return options.work / "beliefs" / f"{model.space.name}_{model.space.hash}_{model.code[:8]}.jsonl"
+    """Where the rows of a space lie. They outlive changes of the fit: delete the file to look at all objects again."""
+    return options.work / "beliefs" / f"{model.space.name}_{model.space.hash}.jsonl"
 
 
 def run(model: Model, options: GatherOptions) -> list[BeliefRow]:
