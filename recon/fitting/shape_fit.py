@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nnproc.infer import WeightsError, load_network, params_from_grids
+from nnproc.infer import WeightsError, likely_params, load_network
 from procmodels import Model
 from procmodels.space import Params
 from recon.fitting import beliefs, evidence, moves, uncertainty
@@ -37,6 +37,7 @@ REACH = 0.15  # canonical units: what of a cloud lies farther away is not of thi
 class ShapeFitOptions:
     """How wide and how long the search is; a build with its distances takes about 4 ms."""
 
+    likely: int = 8  # combinations of choices of the network's answer for each way to stand
     random: int = 96  # random shapes beside the network's answers
     ways: int = 4  # ways to stand that all random shapes are compared with, the best by every `sparse`-th of them
     sparse: int = 4
@@ -220,8 +221,9 @@ def _starts(
     rough = problem_of(model, target, ways, options.rough, max(1, len(target.points) // 2000))
     mine: list[State] = []
     try:
-        answers = params_from_grids(load_network(model.space, model.weights), grids_of(target, ways))
-        mine = [rough.state(a, nowhere, i) for i, a in enumerate(answers)]
+        network = load_network(model.space, model.weights)
+        answers = likely_params(network, grids_of(target, ways), options.likely)
+        mine = [rough.state(a, nowhere, i) for i, some in enumerate(answers) for a in some]
     except WeightsError:
         pass
     count = options.random if mine else 3 * options.random
@@ -242,7 +244,7 @@ def _starts(
     entries = [(rough.loss(s), s.front, s) for s in mine] + others
     entries.sort(key=lambda e: e[:2])
     # The network's own answers are always among those that go on, however they look before polishing.
-    told = sorted(mine, key=rough.loss)[:2]
+    told = sorted(mine, key=rough.loss)[: options.keep]
     return [e[2] for e in entries[:1]] + told + [e[2] for e in entries[1:200]], bool(mine)
 
 
