@@ -2,9 +2,10 @@
 
     python -m datasets.synthetic chair --out .cache/data/chair
 
-writes three sets: on-grid training shapes, off-grid training shapes and, never overlapping them, the held-out test
-shapes (paper, sections 3.3 and 4.1). Shape number i of a set depends on the seed and i alone, so that an interrupted
-run goes on where it stopped and gives the same data.
+writes sets of on-grid and of off-grid training shapes and, never overlapping them, of held-out test shapes (paper,
+sections 3.3 and 4.1). Beside them, if asked for, sets whose grids are the skins of visual hulls, which is what is known
+of an object in photos. Shape number i of a set depends on the seed and i alone, so that an interrupted run goes on
+where it stopped, and any number of workers gives the same data.
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ import argparse
 import hashlib
 import json
 import logging
+import multiprocessing
 import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from datasets.hulls import hull
 from datasets.voxels import pack, surface_grid, unpack
 from procmodels import Model, ModelError, load
 from procmodels.space import Params, ParamSpace
@@ -29,7 +34,8 @@ log = logging.getLogger(__name__)
 
 SHARD = 500
 # Sets that are drawn use generators seeded with (seed, code, i): off the grid no two of them share a shape.
-SETS = {"train_on": 1, "train_off": 2, "test_on": 3, "test_off": 4}
+SETS = {"train_on": 1, "train_off": 2, "test_on": 3, "test_off": 4, "train_hull": 5, "test_hull": 6}
+VIEWS = 1  # beside them, of the generator that places a hull's cameras
 LISTED = 1_000_000  # grids up to this many points are permuted; of larger ones points are drawn
 TEST = 1 / 8  # share of the points of such a grid that belong to the test set
 DRAWS = 1000  # after so many a grid is too small for its two sets
@@ -43,12 +49,14 @@ class SyntheticOptions:
     train_off: int = 9000  # scalars drawn continuously: real objects live off the grid
     test_on: int = 300  # held out, as in the paper
     test_off: int = 300
+    train_hull: int = 0  # off-grid shapes known by their silhouettes: for classes that are fitted to photos by them
+    test_hull: int = 0
     seed: int = 0
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """vectors (n, width) float32 parameter vectors; bits (n, 32768) uint8 packed 64^3 surface grids."""
+    """vectors (n, width) float32 parameter vectors; bits (n, 32768) uint8 packed 64^3 surface grids, or hulls."""
 
     vectors: np.ndarray
     bits: np.ndarray
@@ -69,7 +77,7 @@ def shape_params(model: Model, which: str, index: int, options: SyntheticOptions
     """
     space = model.space
     rng = np.random.default_rng([options.seed, SETS[which], index])
-    if which.endswith("_off"):
+    if not which.endswith("_on"):
         return space.sample(rng)
     if _is_listed(space):
         order = _order(space.grid_size, options.seed)
@@ -96,10 +104,29 @@ def _is_test(params: Params) -> bool:
     return digest[0] < 256 * TEST
 
 
-def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptions()) -> None:
+def shape_grid(model: Model, which: str, index: int, params: Params, seed: int, scratch: Path) -> np.ndarray:
+    """(64, 64, 64) bool, what shape `index` of a set looks like: its surface, or the skin of its visual hull."""
+    shape = model.build(params)
+    if which.endswith("_hull"):
+        return hull(shape, np.random.default_rng([seed, SETS[which], index, VIEWS]))
+    return surface_grid(shape.vertices(), shape.triangles(), scratch=scratch)
+
+
+@dataclass(frozen=True)
+class _Shard:
+    """Shapes start .. start + count of a set, and the file that is to hold them."""
+
+    which: str
+    start: int
+    count: int
+    path: Path
+
+
+def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptions(), workers: int = 1) -> None:
     """Write every set below `out`; shards that are whole (by checksum) and of this space are kept.
 
-    Raises ValueError when the on-grid sets do not fit in the grid or `out` holds data of another space or seed.
+    With several workers each is a process of its own that loads the model from its file. Raises ValueError when the
+    on-grid sets do not fit in the grid or `out` holds data of another space or seed.
     """
     if _is_listed(model.space) and options.train_on + options.test_on > model.space.grid_size:
         raise ValueError(
@@ -107,19 +134,60 @@ def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptio
             f"the grid has {model.space.grid_size}"
         )
     manifest = _manifest(out, model, options)
+    missing = [
+        shard
+        for shard in _shards(out, options)
+        if manifest["shards"].get(shard.path.name) != [shard.count, _digest(shard.path)]
+    ]
+    done = _made(model, missing, options) if workers == 1 else _made_by(workers, model, missing, options)
+    for shard in tqdm(done, total=len(missing), desc=model.name, unit="shard", disable=None):
+        manifest["shards"][shard.path.name] = [shard.count, _digest(shard.path)]
+        _write_json(out / "manifest.json", manifest)
+
+
+def _shards(out: Path, options: SyntheticOptions) -> Iterator[_Shard]:
     for which in SETS:
         total = getattr(options, which)
-        for start in tqdm(range(0, total, SHARD), desc=which, unit="shard", disable=None):
-            name = f"{which}_{start:06d}.npz"
-            count = min(SHARD, total - start)
-            if manifest["shards"].get(name) == [count, _digest(out / name)]:
-                continue
-            rows = [shape_params(model, which, start + i, options) for i in range(count)]
-            shapes = [model.build(r) for r in rows]
-            grids = np.stack([pack(surface_grid(s.vertices(), s.triangles())) for s in shapes])
-            _write(out / name, vectors=np.stack([model.space.encode(r) for r in rows]), bits=grids)
-            manifest["shards"][name] = [count, _digest(out / name)]
-            _write_json(out / "manifest.json", manifest)
+        for start in range(0, total, SHARD):
+            yield _Shard(which, start, min(SHARD, total - start), out / f"{which}_{start:06d}.npz")
+
+
+def _made(model: Model, shards: list[_Shard], options: SyntheticOptions) -> Iterator[_Shard]:
+    for shard in shards:
+        _make(model, shard, options)
+        yield shard
+
+
+def _made_by(workers: int, model: Model, shards: list[_Shard], options: SyntheticOptions) -> Iterator[_Shard]:
+    """The shards as they are done, by processes that start afresh: threads of open3d do not survive a fork."""
+    if not shards:
+        return
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, fresh, _start_worker, (str(model.weights.with_suffix(".py")), options)) as pool:
+        for future in as_completed([pool.submit(_make_in_worker, shard) for shard in shards]):
+            yield future.result()
+
+
+_in_worker: list[Callable[[_Shard], None]] = []  # one entry, in a worker: what makes a shard
+
+
+def _start_worker(path: str, options: SyntheticOptions) -> None:
+    model = load(path)
+    _in_worker.append(lambda shard: _make(model, shard, options))
+
+
+def _make_in_worker(shard: _Shard) -> _Shard:
+    _in_worker[0](shard)
+    return shard
+
+
+def _make(model: Model, shard: _Shard, options: SyntheticOptions) -> None:
+    numbers = range(shard.start, shard.start + shard.count)
+    rows = [shape_params(model, shard.which, i, options) for i in numbers]
+    scratch = shard.path.with_suffix(".ply")
+    grids = [shape_grid(model, shard.which, i, r, options.seed, scratch) for i, r in zip(numbers, rows, strict=True)]
+    scratch.unlink(missing_ok=True)
+    _write(shard.path, vectors=np.stack([model.space.encode(r) for r in rows]), bits=pack(np.stack(grids)))
 
 
 def read(out: Path, which: str, space_hash: str) -> Pairs:
@@ -180,12 +248,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("model", help="class name, or the path of a model's .py file")
     parser.add_argument("--out", type=Path, required=True)
     defaults = SyntheticOptions()
-    for field in ("train_on", "train_off", "test_on", "test_off", "seed"):
+    for field in (*SETS, "seed"):
         parser.add_argument(f"--{field.replace('_', '-')}", type=int, default=getattr(defaults, field))
+    parser.add_argument("--workers", type=int, default=1, help="processes; the data are the same")
     args = parser.parse_args(argv)
-    options = SyntheticOptions(args.train_on, args.train_off, args.test_on, args.test_off, args.seed)
+    options = SyntheticOptions(**{field: getattr(args, field) for field in (*SETS, "seed")})
     try:
-        generate(load(args.model), args.out, options)
+        generate(load(args.model), args.out, options, args.workers)
     except (ModelError, ValueError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

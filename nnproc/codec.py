@@ -8,7 +8,9 @@ nor in the accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import heapq
+import json
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -73,6 +75,42 @@ class Codec:
     def params(self, values: Tensor) -> list[Params]:
         """Parameter sets of (B, width) activated values."""
         return [self.space.decode(v) for v in values.detach().float().cpu().numpy()]
+
+    def likely(self, values: Tensor, count: int) -> list[Params]:
+        """At most so many parameter sets of (width,) activated values, likeliest first: the scalars as they are, and
+        the most probable combinations of integers, choices and flags, each shape once."""
+        one = values.detach().float().cpu().numpy()
+        found: dict[str, Params] = {}
+        for vector in self._combinations(one, 8 * count):
+            params = self.space.decode(vector)
+            found.setdefault(json.dumps(params, sort_keys=True), params)
+            if len(found) == count:
+                break
+        return list(found.values())
+
+    def _combinations(self, values: np.ndarray, most: int) -> Iterator[np.ndarray]:
+        """Vectors with other discrete parameters, by probability."""
+        kinds: list[int | slice] = [*self.flags, *self.blocks]
+        shares = [np.array([1 - values[k], values[k]]) if isinstance(k, int) else values[k] for k in kinds]
+        orders = [np.argsort(-s, kind="stable") for s in shares]
+        costs = [-np.log(np.maximum(s[o], 1e-9)) for s, o in zip(shares, orders, strict=True)]
+        # A combination's children lie one step down in one of its parameters, none before the last that was lowered.
+        heap = [(float(sum(c[0] for c in costs)), (0,) * len(kinds), 0)]
+        for _ in range(most):
+            if not heap:
+                return
+            cost, ranks, last = heapq.heappop(heap)
+            out = values.copy()
+            for kind, order, rank in zip(kinds, orders, ranks, strict=True):
+                if isinstance(kind, int):
+                    out[kind] = order[rank]
+                else:
+                    out[kind] = np.eye(len(order))[order[rank]]
+            yield out
+            for i in range(last, len(kinds)):
+                if (rank := ranks[i] + 1) < len(orders[i]):
+                    lower = (*ranks[:i], rank, *ranks[i + 1 :])
+                    heapq.heappush(heap, (cost + float(costs[i][rank] - costs[i][rank - 1]), lower, i))
 
     def vectors(self, params: Sequence[Params]) -> Tensor:
         """(B, width) of parameter sets."""

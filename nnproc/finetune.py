@@ -144,7 +144,7 @@ def _encode_half(network: NNProc, pairs: list[Pairs], work: Path) -> tuple[Seque
 
 def finish_half(class_name: str, half: str, data: Path, work: Path, options: FinishOptions, weights: Path) -> None:
     """Train one half and write it, with the seconds of processor time it took, to `work`/HALF.safetensors."""
-    network = load_network(load(class_name).space, weights)
+    network = load_network(load(class_name).space, weights, decoder=True)
     pairs = [read(data, which, network.space.hash) for which in ("train_on", "train_off")]
     stores, take = _decode_half(network, pairs) if half == "decode" else _encode_half(network, pairs, work)
     trained = {n: p for n, p in network.named_parameters() if n.split(".")[0] in HALVES[half]}
@@ -220,7 +220,7 @@ def _half(path: Path) -> dict[str, Tensor]:
 
 def merge(class_name: str, data: Path, work: Path, options: FinishOptions, path: Path) -> None:
     """Put both halves into the weights at `path` and bring their card up to date. Merging again changes nothing."""
-    network = load_network(load(class_name).space, path)
+    network = load_network(load(class_name).space, path, decoder=True)
     minutes = {}
     for half in [h for h in HALVES if (work / f"{h}.safetensors").is_file()]:
         network.load_state_dict(_half(work / f"{half}.safetensors"), strict=False)

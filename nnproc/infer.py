@@ -15,7 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from nnproc.network import NetworkConfig, NNProc
+from nnproc.network import HALVES, NetworkConfig, NNProc
 from nnproc.on_device import device, latents_of_grids, logits_of_vectors, values_of_latents
 from procmodels.space import Params, ParamSpace
 
@@ -25,21 +25,29 @@ class WeightsError(ValueError):
 
 
 def save_network(path: Path, network: NNProc) -> None:
-    """Write the weights, in half precision, with everything that rebuilds and checks them; whole or not at all."""
+    """Write the weights, in half precision, with everything that rebuilds and checks them; whole or not at all.
+
+    Of a network without a decoder only the inverse half is written.
+    """
     metadata = {
         "class": network.space.name,
         "space_hash": network.space.hash,
         "config": json.dumps(asdict(network.config)),
     }
-    tensors = {k: v.detach().half().cpu().contiguous() for k, v in network.state_dict().items()}
+    state = network.state_dict()
+    if not network.has_decoder:
+        metadata["halves"] = "inverse"
+        state = {k: v for k, v in state.items() if k.split(".")[0] in HALVES["inverse"]}
+    tensors = {k: v.detach().half().cpu().contiguous() for k, v in state.items()}
     partial = path.with_suffix(".partial")
     save_file(tensors, partial, metadata)
     partial.replace(path)
 
 
-def load_network(space: ParamSpace, path: Path) -> NNProc:
+def load_network(space: ParamSpace, path: Path, decoder: bool = False) -> NNProc:
     """The trained network of a space, in evaluation mode; shipped ones lie beside their models (Model.weights).
 
+    Files that hold the inverse half alone give a network whose has_decoder is False; with `decoder` they will not do.
     Raises WeightsError when the file is missing, damaged, or of another class or parameter space.
     """
     if not path.is_file():
@@ -57,9 +65,18 @@ def load_network(space: ParamSpace, path: Path) -> NNProc:
             f"{path} was trained for {metadata.get('class')} (space {metadata.get('space_hash')}), but the model is "
             f"{space.name} (space {space.hash}); retrain with: python -m nnproc.train {space.name}"
         )
+    halves = metadata.get("halves", "both")
+    if decoder and halves != "both":
+        raise WeightsError(
+            f"{path} holds the {halves} half alone, from shapes to parameters, and what is asked for needs a decoder; "
+            f"the networks of paper/CLASS have one, as has what python -m nnproc.train makes"
+        )
     try:
         network = NNProc(space, NetworkConfig(**json.loads(metadata["config"])))
-        network.load_state_dict(tensors)
+        network.has_decoder = halves == "both"
+        lacking, unknown = network.load_state_dict(tensors, strict=network.has_decoder)
+        if unknown or any(k.split(".")[0] in HALVES["inverse"] for k in lacking):
+            raise ValueError(f"it lacks {lacking} and has {unknown}")
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
         raise WeightsError(f"{path} does not fit the network it describes: {error}") from error
     network = network.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
@@ -82,3 +99,8 @@ def values_from_grids(network: NNProc, grids: np.ndarray, batch: int = 32) -> Te
 def params_from_grids(network: NNProc, grids: np.ndarray) -> list[Params]:
     """Task 2, as parameter sets."""
     return network.codec.params(values_from_grids(network, grids))
+
+
+def likely_params(network: NNProc, grids: np.ndarray, count: int) -> list[list[Params]]:
+    """Task 2 with doubts: of each grid the likeliest parameter sets, at most `count` (Codec.likely)."""
+    return [network.codec.likely(values, count) for values in values_from_grids(network, grids)]

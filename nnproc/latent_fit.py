@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 from tqdm import tqdm
 
+from datasets.hulls import skin
 from nnproc.losses import kl_divergence
 from nnproc.network import NNProc, occupancy_loss
 from nnproc.on_device import codes_of_vectors, latents_of_grids, logits_of_latents, values_of_latents
@@ -205,12 +205,7 @@ def _results(network: NNProc, objective: Objective, state: _State, options: FitO
 
 @torch.no_grad()
 def hull_starts(network: NNProc, hull: np.ndarray, turns: Sequence[int]) -> list[tuple[Tensor, int]]:
-    """SE's means of the skin of a solid hull (64, 64, 64) bool, seen in the frame of each front hypothesis.
-
-    The network knows surface grids, so the hull's inside is taken out first.
-    """
-    solid = torch.from_numpy(hull).float()
-    inside = -F.max_pool3d(-F.pad(solid[None, None], (1,) * 6), 3, 1)[0, 0]
-    skin = (solid - inside).clamp(0, 1)
-    grids = torch.stack([torch.rot90(skin, -t, (0, 1)) for t in turns])
+    """SE's means of the skin of a solid hull (64, 64, 64) bool, seen in the frame of each front hypothesis."""
+    surface = torch.from_numpy(skin(hull)).float()
+    grids = torch.stack([torch.rot90(surface, -t, (0, 1)) for t in turns])
     return list(zip(latents_of_grids(network, grids), turns, strict=True))

@@ -44,12 +44,20 @@ def _of_long(x: Tensor) -> Tensor:
     matrix squares the singular values, and rounded ones of a matrix of low rank turn negative and grow.
     """
     x = x / (x.norm() + 1e-7)
-    gram, product = x @ x.T, torch.eye(len(x), device=x.device)
-    for _ in range(_ITERATIONS):
-        factor = _B * gram + _C * gram @ gram
-        factor.diagonal().add_(_A)
-        product, gram = factor @ product, factor @ gram @ factor
+    gram = x @ x.T
+    product = factor = _factor(gram)
+    for _ in range(_ITERATIONS - 1):
+        gram = factor @ gram @ factor
+        factor = _factor(gram)
+        product = factor @ product
     return product @ x
+
+
+def _factor(gram: Tensor) -> Tensor:
+    """(m, m) that one iteration multiplies x by, x x^T being `gram`."""
+    factor = torch.addmm(gram, gram, gram, beta=_B, alpha=_C)
+    factor.diagonal().add_(_A)
+    return factor
 
 
 class Muon(torch.optim.Optimizer):

@@ -2,11 +2,12 @@
 
 SE, SD  shape encoder and decoder, 64^3 surface grids    PE, PD  parameter encoder and decoder, vectors of a Codec
 
-Three layer lists:
+Four layer lists:
   "patch"    a grid is handled as 16^3 cells of 4^3 voxels, so that no convolution runs above 16^3 (a quarter of the
              cost of transposed convolutions on a CPU, with several times the capacity)
   "product"  the same encoder; the decoder is a sum of products of 1-D profiles, which boxes are (docs/decoders.md)
   "paper"    strided convolutions 8-16-24-32-40, mirrored by transposed ones
+  "wide"     the patch network with a wider encoder, for classes of many parameters (NetworkConfig.hidden: 512)
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ GRID = RESOLUTION // CELL
 class NetworkConfig:
     """What rebuilds a network, beside the parameter space."""
 
-    layers: str = "patch"  # "patch", "product" or "paper"
+    layers: str = "patch"  # "patch", "product", "paper" or "wide"
     latent: int = 128
     hidden: int = 256  # width of the parameter MLPs
     octaves: int = 0  # of sines and cosines of the scalars that PE sees beside their values
@@ -48,14 +49,19 @@ def grid_from_cells(cells: Tensor) -> Tensor:
 
 
 class NNProc(nn.Module):
-    """One class's network. Latents are (B, latent); cells are (B, 64, 16, 16, 16) (see cells_from_grid)."""
+    """One class's network. Latents are (B, latent); cells are (B, 64, 16, 16, 16) (see cells_from_grid).
+
+    has_decoder  False where only the inverse half, SE and PD, is trained: the forward half then refuses to answer
+    """
+
+    has_decoder: bool = True
 
     def __init__(self, space: ParamSpace, config: NetworkConfig = NetworkConfig()) -> None:
         super().__init__()
-        if config.layers not in _SHAPE_NETS:
-            raise ValueError(f"layers must be one of {', '.join(_SHAPE_NETS)}, got {config.layers!r}")
+        if config.layers not in SHAPE_NETS:
+            raise ValueError(f"layers must be one of {', '.join(SHAPE_NETS)}, got {config.layers!r}")
         self.space, self.config, self.codec = space, config, Codec(space)
-        encoder, decoder = _SHAPE_NETS[config.layers]
+        encoder, decoder = SHAPE_NETS[config.layers]
         self.shape_encoder, self.shape_decoder = encoder(2 * config.latent), decoder(config.latent)
         h, latent, width = config.hidden, config.latent, self.codec.width
         self.param_encoder = _mlp(width + 2 * config.octaves * len(self.codec.scalars), h, h, latent)
@@ -67,7 +73,8 @@ class NNProc(nn.Module):
         return mean, logvar.clamp(-12, 6)
 
     def decode_cells(self, z: Tensor) -> Tensor:
-        """SD: occupancy logits as cells."""
+        """SD: occupancy logits as cells. Raises RuntimeError where the forward half is not trained."""
+        self._need_decoder()
         return self.shape_decoder(z)
 
     def encode_grid(self, grid: Tensor) -> tuple[Tensor, Tensor]:
@@ -77,11 +84,13 @@ class NNProc(nn.Module):
     def decode_grid(self, z: Tensor) -> Tensor:
         """SD: (B, 64, 64, 64) occupancy logits."""
         if isinstance(self.shape_decoder, ProductDecoder):
+            self._need_decoder()
             return self.shape_decoder.grid(z)
         return grid_from_cells(self.decode_cells(z))
 
     def encode_params(self, vectors: Tensor) -> Tensor:
-        """PE: (B, width) parameter vectors to (B, latent)."""
+        """PE: (B, width) vectors to (B, latent). Raises RuntimeError where the forward half is not trained."""
+        self._need_decoder()
         angles = math.pi * vectors[:, self.codec.scalars]
         waves = [f(2**k * angles) for k in range(1, self.config.octaves + 1) for f in (torch.sin, torch.cos)]
         return self.param_encoder(torch.cat([vectors * 2 - 1, *waves], 1)).float()
@@ -93,6 +102,10 @@ class NNProc(nn.Module):
     def decode_params(self, z: Tensor) -> Tensor:
         """PD: (B, width) values in [0, 1]."""
         return self.codec.activate(self.score_params(z))
+
+    def _need_decoder(self) -> None:
+        if not self.has_decoder:
+            raise RuntimeError(f"the network of {self.space.name} is trained from shapes to parameters alone")
 
 
 def _mlp(*widths: int) -> nn.Sequential:
@@ -119,6 +132,36 @@ class PatchEncoder(nn.Module):
 
     def forward(self, cells: Tensor) -> Tensor:
         return self.head(self.convs(cells))
+
+
+class WideEncoder(nn.Module):
+    """Cells (B, 64, 16, 16, 16) to (B, out): as PatchEncoder, with twice the channels and blocks that add to them."""
+
+    def __init__(self, out: int) -> None:
+        super().__init__()
+        self.convs = nn.Sequential(
+            *(nn.Conv3d(64, 64, 1), nn.ReLU()),
+            *(nn.Conv3d(64, 96, 3, stride=2, padding=1), nn.ReLU()),  # 8^3
+            *(_Block(96), nn.ReLU()),
+            *(nn.Conv3d(96, 192, 3, stride=2, padding=1), nn.ReLU()),  # 4^3
+            *(_Block(192), nn.ReLU()),
+            *(nn.Conv3d(192, 48, 1), nn.ReLU()),
+        )
+        self.head = nn.Sequential(nn.Flatten(), nn.Linear(48 * 4**3, 384), nn.ReLU(), nn.Linear(384, out))
+
+    def forward(self, cells: Tensor) -> Tensor:
+        return self.head(self.convs(cells))
+
+
+class _Block(nn.Module):
+    """A convolution whose result is added to what it saw."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.conv = nn.Conv3d(channels, channels, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.conv(x)
 
 
 class PatchDecoder(nn.Module):
@@ -221,10 +264,12 @@ class PaperDecoder(nn.Module):
         return cells_from_grid(self.convs(x)[:, 0])
 
 
-_SHAPE_NETS = {
+HALVES = {"forward": ("param_encoder", "shape_decoder"), "inverse": ("shape_encoder", "param_decoder")}
+SHAPE_NETS = {
     "patch": (PatchEncoder, PatchDecoder),
     "product": (PatchEncoder, ProductDecoder),
     "paper": (PaperEncoder, PaperDecoder),
+    "wide": (WideEncoder, PatchDecoder),
 }
 
 

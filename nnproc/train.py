@@ -32,7 +32,7 @@ from datasets.synthetic import Pairs, read
 from nnproc.infer import grids_from_params, save_network, values_from_grids
 from nnproc.losses import VARIANTS, LossWeights, losses
 from nnproc.muon import Muon
-from nnproc.network import NetworkConfig, NNProc, cells_from_grid, parameter_count
+from nnproc.network import SHAPE_NETS, NetworkConfig, NNProc, cells_from_grid, parameter_count
 from nnproc.on_device import device
 from procmodels import ModelError, load
 
@@ -251,7 +251,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, default=TrainOptions.steps)
     parser.add_argument("--batch", type=int, default=TrainOptions.batch)
     parser.add_argument("--seed", type=int, default=TrainOptions.seed)
-    parser.add_argument("--layers", choices=("patch", "product", "paper"), default="product")
+    parser.add_argument("--layers", choices=tuple(SHAPE_NETS), default="product")
+    parser.add_argument("--hidden", type=int, default=NetworkConfig.hidden, help="width of PE's and PD's layers")
     parser.add_argument("--octaves", type=int, default=OCTAVES, help="of sines of the scalars that PE sees")
     parser.add_argument("--variant", choices=tuple(VARIANTS), default="full", help="an ablation of the paper")
     args = parser.parse_args(argv)
@@ -260,7 +261,7 @@ def main(argv: list[str] | None = None) -> int:
         steps=args.steps,
         batch=args.batch,
         seed=args.seed,
-        network=NetworkConfig(layers=args.layers, octaves=args.octaves),
+        network=NetworkConfig(layers=args.layers, hidden=args.hidden, octaves=args.octaves),
         weights=VARIANTS[args.variant],
     )
     data = args.data or Path(".cache/data") / args.class_name
@@ -271,7 +272,7 @@ def main(argv: list[str] | None = None) -> int:
         command = (
             f"python -m nnproc.train {args.class_name} --steps {args.steps} --batch {args.batch} --seed {args.seed}"
         )
-        command += f" --layers {args.layers} --octaves {args.octaves}"
+        command += f" --layers {args.layers} --hidden {args.hidden} --octaves {args.octaves}"
         write_card(trainer, data, out.with_suffix(".json"), command)
     except (ModelError, ValueError) as error:
         sys.stderr.write(f"error: {error}\n")

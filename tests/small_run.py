@@ -12,9 +12,8 @@ from recon.system import process
 
 def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    from nnproc.latent_fit import FitOptions as LatentOptions
     from recon.cameras.sfm_options import PosesOptions
-    from recon.fitting import network_starts, refine
+    from recon.fitting import refine, view_starts
     from recon.outputs import write
     from recon.pipelines import photos
     from recon.pipelines.stages import Redo
@@ -24,7 +23,7 @@ def main() -> int:
         masks=masks,
         redo=Redo(force="--force" in sys.argv),
         poses=PosesOptions(attempts=1),
-        fit=network_starts.FitOptions(size=32, max_views=4, latent=LatentOptions(bank=16, starts=2, keep=1, steps=3)),
+        fit=view_starts.FitOptions(size=32, max_views=4, random=8, kept=1),
         refine=refine.RefineOptions(size=48, max_views=4, candidates=1),
         outputs=write.OutputsOptions(renders=1, render_size=64),
     )

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from recon import scene
-from recon.fitting.network_starts import Candidate, FitResult
 from recon.fitting.refine import Refined
+from recon.fitting.view_starts import Candidate, FitResult
 from recon.geometry.visual_hull import Hull
 from recon.pipelines import photos
 from recon.pipelines.stages import Redo, Stages

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
-from procmodels import ModelError, load, names
+from procmodels import ModelError, load, names, paper_names
 from recon.evaluate import alignment, calibration, chair, gallery, robust, space_pictures
 from recon.evaluate.beliefs import command as beliefs
 from recon.evaluate.beliefs import gather
@@ -90,7 +90,7 @@ def _chair(args: argparse.Namespace) -> int:
 
 def _table1_flags(parser: argparse.ArgumentParser) -> None:
     options = table1.Table1Options()
-    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; all")
+    parser.add_argument("--class", dest="classes", action="append", choices=paper_names(), help="may be repeated; all")
     parser.add_argument("--shapes", type=int, default=options.shapes, help="held-out shapes of each kind (at most 300)")
     parser.add_argument("--method", action="append", choices=table1.ALL_METHODS, help="may be repeated; spread, ours")
     parser.add_argument("--task", action="append", choices=table1.TASKS, help="may be repeated; all")
@@ -118,7 +118,7 @@ def _table1(args: argparse.Namespace) -> int:
         work=args.work,
     )
     rows = []
-    for row in table1.run(args.classes or names(), options):
+    for row in table1.run(args.classes or paper_names(), options):
         rows.append(row)
         if args.json:
             _add_rows(args.json, [row])
@@ -256,7 +256,7 @@ def _told(args: argparse.Namespace, rows: list[Row]) -> int:
 
 
 def _gallery_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; all")
+    parser.add_argument("--class", dest="classes", action="append", choices=paper_names(), help="may be repeated; all")
     parser.add_argument("--out", type=Path, default=gallery.GalleryOptions.out, help="folder of the pictures")
     parser.add_argument("--grid", choices=table1.GRIDS, default="on", help="held-out shapes on or off the grid")
     parser.add_argument("--data", type=Path, default=gallery.GalleryOptions.data, help="generated pairs, for the bank")
@@ -271,7 +271,7 @@ def _gallery_flags(parser: argparse.ArgumentParser) -> None:
 
 def _gallery(args: argparse.Namespace) -> int:
     options = gallery.GalleryOptions(task4=args.task4, grid=args.grid, out=args.out, data=args.data, work=args.work)
-    for path in gallery.run(args.classes or names(), options):
+    for path in gallery.run(args.classes or paper_names(), options):
         sys.stdout.write(f"{path}\n")
     return 0
 

@@ -23,7 +23,7 @@ from recon.evaluate.data.held_out import cases
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.evaluate.robust import grown
 from recon.evaluate.rows import Row
-from recon.fitting import network_starts, refine
+from recon.fitting import refine, view_starts
 from recon.fitting.uncertainty import FILE, Calibration, chance, quantile
 from recon.geometry import align, visual_hull
 from recon.scene import ReconError, Silhouettes
@@ -68,7 +68,7 @@ def samples(options: CalibrationOptions) -> list[Sample]:
                 masks = worn(masks, rng, options.growth)
                 try:
                     where = align.run(poses, masks)
-                    fitted = network_starts.run(model, poses, masks, where, visual_hull.run(poses, masks, where))
+                    fitted = view_starts.run(model, poses, masks, where, visual_hull.run(poses, masks, where))
                     found = refine.run(model, poses, masks, where, fitted)
                 except ReconError:
                     continue

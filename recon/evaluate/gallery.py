@@ -53,10 +53,13 @@ class GalleryOptions:
 
 
 def run(classes: list[str], options: GalleryOptions = GalleryOptions()) -> Iterator[Path]:
-    """Draw the picture of each class, CLASS.jpg; yields their paths. Raises ModelError and WeightsError."""
+    """Draw the picture of each, CLASS.jpg, of classes of the paper; yields their paths.
+
+    Raises ModelError and WeightsError.
+    """
     for name in classes:
-        model = load(name)
-        bench = Bench(model, load_network(model.space, model.weights), options.work, options.data)
+        model = load(f"paper/{name}")
+        bench = Bench(model, load_network(model.space, model.weights, decoder=True), options.work, options.data)
         picture = draw([_random_shapes(model, options), *held_out_rows(bench, options)], options)
         options.out.mkdir(parents=True, exist_ok=True)
         path = options.out / f"{name}.jpg"

@@ -14,18 +14,17 @@ import numpy as np
 
 from procmodels import Model
 from procmodels.space import Params
-from recon.fitting import uncertainty
+from recon.fitting import uncertainty, view_starts
 from recon.fitting.by_distance import DistanceSearch, widest_gap
 from recon.fitting.gauss_newton import descended
 from recon.fitting.mask_target import Level, Masks
 from recon.fitting.moves import Face
-from recon.fitting.network_starts import FitResult
 from recon.fitting.placement import Similarity
 from recon.fitting.problem import Problem
 from recon.fitting.search import Neighbour, Schedule, Search, solve, turned_round
 from recon.fitting.state import State
 from recon.fitting.uncertainty import Certainty
-from recon.geometry.align import quarter_turn
+from recon.fitting.view_starts import FitResult
 from recon.geometry.object_windows import object_crops
 from recon.scene import Canonical, Poses, ReconstructionError, Silhouettes
 
@@ -42,9 +41,12 @@ class RefineOptions:
     size: int = 112  # pixels along each side of a window
     max_views: int = 32  # spread evenly over the photos; more add time and little else
     levels: tuple[Level, ...] = (Level(4, blur=1), Level(2, blur=1), Level(1, blur=2))  # the last is polished by once
-    candidates: int = 3  # of the fit's, that are polished at all
+    candidates: int = 8  # of the fit's, that are polished at all
+    each: int = 2  # of these, at most, that face one way
     sweeps: int = 3  # rounds over the discrete parameters and fronts
     tries: int = 4  # the most promising changes of a round that are polished
+    far: int = 8  # combinations of choices that are polished, when the answer is not good
+    good: float = 0.005  # 1 - mean IoU of an answer that needs no other choices
     steps: tuple[int, int, int] = (5, 3, 10)  # Gauss-Newton steps a level: of a candidate, of a change, of the answer
 
     @property
@@ -52,9 +54,12 @@ class RefineOptions:
         """As the search wants it."""
         return Schedule(
             starts=self.candidates,
+            each=self.each,
             kept=1,
             sweeps=self.sweeps,
             tries=self.tries,
+            far=self.far,
+            good=self.good,
             steps=self.steps,
             levels=tuple(range(len(self.levels) - 1)) or (0,),
         )
@@ -146,7 +151,7 @@ def problem_of(
 def _candidates(problem: Problem, canonical: Canonical, fitted: FitResult) -> Iterator[State]:
     """The fit's, each turned to its front."""
     for c in fitted.candidates:
-        yield problem.state(c.params, canonical.world_from_canonical @ quarter_turn(c.turn), c.turn)
+        yield view_starts.state(problem, canonical, c.params, c.turn)
 
 
 def _near(problem: Problem, poses: Poses, silhouettes: Silhouettes, canonical: Canonical) -> DistanceSearch | None:

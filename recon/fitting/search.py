@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ class Schedule:
 
     looked: int = 32  # starts of a batch that are compared as they are
     starts: int = 4  # of these, of different choices and fronts, that are polished coarsely
+    each: int = 10**6  # of these, at most, that face one way: another may only need a polish
     kept: int = 2  # of these, whose choices are searched, until one is good
     behind: float = 1e9  # times the best one's loss: others are given up
     batches: int = 1  # of starts, as long as the answer is lost
@@ -81,8 +83,11 @@ class Search:
     def begun(self, starts: list[State]) -> list[State]:
         """The most promising starts, polished, best first."""
         chosen: dict[tuple, State] = {}
+        facing: Counter[int] = Counter()
         for s in self.ranked(starts):
-            chosen.setdefault((s.front, *s.choices.values()), s)
+            if (s.front, *s.choices.values()) not in chosen and facing[s.front] < self.schedule.each:
+                chosen[s.front, *s.choices.values()] = s
+                facing[s.front] += 1
         some = list(chosen.values())[: self.schedule.starts]
         polished = self.ranked(self.step(s, self.schedule.steps[0]) for s in some)
         near = self.schedule.behind * self.cost(polished[0])

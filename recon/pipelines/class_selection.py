@@ -13,9 +13,9 @@ from typing import Any
 
 from nnproc import infer
 from procmodels import Model
-from recon.fitting import network_starts, refine
-from recon.fitting.network_starts import FitOptions, FitResult
+from recon.fitting import refine, view_starts
 from recon.fitting.refine import Refined, RefineOptions
+from recon.fitting.view_starts import FitOptions, FitResult
 from recon.geometry.visual_hull import Hull
 from recon.pipelines import checks
 from recon.scene import Canonical, InputError, Poses, Silhouettes
@@ -30,11 +30,8 @@ RunStage = Callable[[str, Any, Callable[[], Any]], Any]  # (stage's name, its op
 class AutoOptions:
     """How much the first round may cost, and what counts as a tie."""
 
-    bank: int = 96  # of the short fit, see nnproc.latent_fit.FitOptions
-    starts: int = 6
-    keep: int = 2
-    steps: int = 25
-    max_views: int = 8
+    random: int = 48  # of the short fit, see recon.fitting.view_starts.FitOptions
+    kept: int = 1
     finalists: int = 2  # classes that get the full fit and refinement
     tie: float = 0.01  # IoU: a smaller lead decides nothing
 
@@ -123,22 +120,15 @@ def first_round(
     options: AutoOptions,
 ) -> FirstRound:
     """Short fits of all models, full fits of the best few."""
-    latent = replace(
-        fit_options.latent,
-        bank=options.bank,
-        starts=options.starts,
-        keep=options.keep,
-        steps=options.steps,
-    )
-    short = replace(fit_options, max_views=options.max_views, latent=latent)
+    short = replace(fit_options, random=options.random, kept=options.kept, latent=None)
     scored = []
     for model in models:
-        fitted = network_starts.run(model, *scene, hull, short)
+        fitted = view_starts.run(model, *scene, hull, short)
         score = refine.quick_iou(model, *scene, fitted, refine_options)
         log.info("  %s: outlines agree by %.2f after a short fit", model.name, score)
         scored.append((score, model))
     scored.sort(key=lambda pair: -pair[0])
-    fits = [network_starts.run(model, *scene, hull, fit_options) for _, model in scored[: options.finalists]]
+    fits = [view_starts.run(model, *scene, hull, fit_options) for _, model in scored[: options.finalists]]
     return FirstRound(tuple((model.name, score) for score, model in scored), tuple(fits))
 
 

@@ -11,8 +11,8 @@ from recon import scene
 from recon.cameras import known_cameras, poses, register_missing, turntable
 from recon.cameras.sfm_options import PosesOptions
 from recon.files import frames, mask_images, video
-from recon.fitting import network_starts as fit
 from recon.fitting import quality, refine, uncertainty
+from recon.fitting import view_starts as fit
 from recon.geometry import align
 from recon.geometry import visual_hull as hull
 from recon.masks import silhouettes
@@ -160,7 +160,7 @@ def _seeded(options: ReconOptions) -> ReconOptions:
         frames=replace(options.frames, allow_single=options.masks is not None),
         poses=replace(options.poses, seed=options.seed, intrinsics=options.intrinsics, focal_mm=options.focal_mm),
         silhouettes=replace(options.silhouettes, seed=options.seed),
-        fit=replace(options.fit, latent=replace(options.fit.latent, seed=options.seed)),
+        fit=replace(options.fit, seed=options.seed),
     )
 
 

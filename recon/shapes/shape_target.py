@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
-from scipy.spatial import cKDTree
 
 from datasets.axis_rotations import turn
-from datasets.voxels import RESOLUTION, point_grid, surface_grid
+from datasets.voxels import spacing_of, splat_grid, surface_grid
 from recon.files.shape import Kind, Surface
 from recon.files.shape_files import read_cloud, read_mesh, read_splat, read_voxels, ups_of
 from recon.scene import InputError
@@ -99,7 +98,7 @@ def run(path: Path, kind: str, what: str, options: ShapeOptions = ShapeOptions()
         raise InputError(f"--up {options.up} and --front {options.front} are the same line; they must differ")
     complete = kind in (Kind.MESH, Kind.VOXELS)
     level = left.level_from_input
-    return Target(clean, _spacing(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings), level)
+    return Target(clean, spacing_of(clean), complete, triangles, ups, fronts, str(kind), what, tuple(warnings), level)
 
 
 def _counted(path: Path, what: str, kind: str, number: str) -> str:
@@ -116,7 +115,7 @@ def of_triangles(
     """A clean closed surface (m, 3, 3) as a target; its front is unknown."""
     corners = triangles.reshape(-1, 3)
     points = sampled(Surface(corners, np.arange(len(corners)).reshape(-1, 3)), samples, seed)
-    return Target(points, _spacing(points), True, triangles, ups, (), str(Kind.MESH), what)
+    return Target(points, spacing_of(points), True, triangles, ups, (), str(Kind.MESH), what)
 
 
 def _axis(name: str, option: str) -> str:
@@ -170,22 +169,12 @@ def canonical(points: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def grid_of(target: Target, hypothesis: Hypothesis) -> np.ndarray:
-    """(64, 64, 64) bool surface grid for the network: triangles when known, else points splatted to close their gaps.
-
-    A point's ball has the radius of the cloud's own gaps, so that a sparse cloud becomes a surface, not dust.
-    """
+    """(64, 64, 64) bool surface grid for the network: of the triangles when known, else of splatted points."""
     if len(target.triangles):
         forward = np.linalg.inv(hypothesis.input_from_canonical)
         corners = target.triangles.reshape(-1, 3) @ forward[:3, :3].T + forward[:3, 3]
         return surface_grid(corners, np.arange(len(corners)).reshape(-1, 3))
-    radius = 1.6 * target.spacing
-    points = point_grid(hypothesis.points)
-    if radius * RESOLUTION < 1.5:
-        return points
-    # Balls close the gaps; then back to near the surface through their middles.
-    ball = scipy.ndimage.distance_transform_edt(~points) <= radius * RESOLUTION
-    depth = scipy.ndimage.distance_transform_edt(ball)
-    return (depth > 0.7 * radius * RESOLUTION) | points
+    return splat_grid(hypothesis.points, target.spacing)
 
 
 def grids_of(target: Target, ways: list[Hypothesis]) -> np.ndarray:
@@ -243,9 +232,3 @@ def _voxel_points(grid: np.ndarray) -> np.ndarray:
     padded = np.pad(grid, 1)
     inner = scipy.ndimage.binary_erosion(padded)
     return np.argwhere(padded & ~inner) - 0.5
-
-
-def _spacing(points: np.ndarray) -> float:
-    some = points[:: max(1, len(points) // 2000)]
-    nearest = cKDTree(points).query(some, 2)[0][:, 1]
-    return float(np.median(nearest) / np.ptp(points, axis=0).max())

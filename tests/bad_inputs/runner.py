@@ -74,14 +74,14 @@ def load_everything(whole: bool) -> None:
     if whole:
         return
     from recon.cameras import poses
-    from recon.fitting import network_starts, shape_fit
+    from recon.fitting import shape_fit, view_starts
     from recon.pipelines import image
     from recon.scene import ReconstructionError
 
     def left_out(*args: object, **options: object) -> None:
         raise ReconstructionError("all was read, and the search is left out")
 
-    for module, name in ((network_starts, "run"), (image, "search"), (poses, "run"), (shape_fit, "run")):
+    for module, name in ((view_starts, "run"), (image, "search"), (poses, "run"), (shape_fit, "run")):
         setattr(module, name, left_out)
 
 

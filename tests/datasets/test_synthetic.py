@@ -1,11 +1,17 @@
 """Generated sets: shapes of training and test kept apart, whatever the size of the grid."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
+from datasets import synthetic
+from datasets.hulls import skin
 from datasets.synthetic import SyntheticOptions, generate, read, shape_params
+from datasets.voxels import surface_grid
+from procmodels import load
 from procmodels.conditions import when
 from procmodels.model import Model
 from procmodels.parts.primitives import box
@@ -66,3 +72,64 @@ def test_shapes_of_a_huge_space_are_written_and_read(tmp_path):
     heights = [grid.any((0, 1)).nonzero()[0] for grid in grids]
     expected = 0.1 + np.array([model.space.decode(v)["leg_0"] for v in pairs.vectors])
     assert [np.ptp(h) + 1 for h in heights] == pytest.approx(64 * expected / np.maximum(expected, 1), abs=2)
+
+
+STOOL = """
+from procmodels.parts.primitives import box
+from procmodels.space import ParamSpace, Scalar
+SPACE = ParamSpace("stool", (Scalar("height", 0.3, 0.9, 99), Scalar("width", 0.3, 0.9, 99)))
+
+
+def build(params):
+    half, top = params["width"] / 2, params["height"]
+    legs = [box("leg", (s * half - 0.05, -0.05, 0), (s * half + 0.05, 0.05, top)) for s in (-1, 1)]
+    return [*legs, box("seat", (-half, -0.3, top), (half, 0.3, top + 0.1))]
+"""
+
+
+@pytest.fixture
+def stool(tmp_path):
+    path = tmp_path / "stool.py"
+    path.write_text(STOOL)
+    return load(str(path))
+
+
+def test_any_number_of_workers_makes_the_same_files(stool, tmp_path, monkeypatch):
+    monkeypatch.setattr(synthetic, "SHARD", 2)
+    options = SyntheticOptions(train_on=0, train_off=5, test_on=0, test_off=2, train_hull=3, test_hull=2)
+    for workers in (1, 2):
+        generate(stool, tmp_path / str(workers), options, workers)
+    one, two = ({p.name: p.read_bytes() for p in (tmp_path / w).glob("*.npz")} for w in ("1", "2"))
+    assert len(one) == 3 + 1 + 2 + 1
+    assert one == two
+    manifests = [json.loads((tmp_path / w / "manifest.json").read_text()) for w in ("1", "2")]
+    assert manifests[0] == manifests[1]
+    # What is missing is made again, by workers too; what is whole is kept.
+    lost = tmp_path / "2" / "train_hull_000002.npz"
+    kept = tmp_path / "2" / "train_off_000000.npz"
+    before = kept.stat().st_mtime_ns
+    lost.unlink()
+    generate(stool, tmp_path / "2", options, 2)
+    assert lost.read_bytes() == one[lost.name]
+    assert kept.stat().st_mtime_ns == before
+    assert not list((tmp_path / "2").glob("*.ply"))
+
+
+def test_hulls_are_those_of_their_vectors(stool, tmp_path):
+    options = SyntheticOptions(train_on=0, train_off=4, test_on=0, test_off=0, train_hull=4, test_hull=4)
+    generate(stool, tmp_path, options)
+    sets = {w: read(tmp_path, w, stool.space.hash) for w in ("train_off", "train_hull", "test_hull")}
+    assert len({v.tobytes() for pairs in sets.values() for v in pairs.vectors}) == 12, "no shape is in two sets"
+    for pairs in (sets["train_hull"], sets["test_hull"]):
+        for vector, grid in zip(pairs.vectors, pairs.grids(), strict=True):
+            shape = stool.build(stool.space.decode(vector))
+            surface = surface_grid(shape.vertices(), shape.triangles())
+            near = binary_dilation(grid, np.ones((3, 3, 3)), iterations=3)
+            assert (surface & near).sum() > 0.6 * surface.sum()
+            assert not (grid & ~skin(grid)).any(), "nothing inside"
+
+
+def test_the_papers_classes_get_no_hulls_unless_asked(stool, tmp_path):
+    generate(stool, tmp_path, SyntheticOptions(train_on=2, train_off=2, test_on=1, test_off=1))
+    with pytest.raises(ValueError, match="no train_hull shapes"):
+        read(tmp_path, "train_hull", stool.space.hash)

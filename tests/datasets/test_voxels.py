@@ -59,3 +59,14 @@ def test_packing_round_trips(rng):
 
 def test_a_grid_without_triangles_is_empty():
     assert surface_grid(np.zeros((3, 3)) + 9, np.array([[0, 1, 2]])).sum() == pytest.approx(0)
+
+
+def test_grids_read_through_a_file_are_the_same(rng, tmp_path):
+    vertices = rng.uniform(-0.6, 0.6, (30, 3))
+    triangles = rng.integers(0, 30, (20, 3))
+    scratch = tmp_path / "voxels.ply"
+    for _ in range(2):  # the second writes over the first
+        assert (surface_grid(vertices, triangles, scratch=scratch) == surface_grid(vertices, triangles)).all()
+    assert scratch.is_file()
+    unwritable = tmp_path / "none" / "voxels.ply"
+    assert (surface_grid(vertices, triangles, scratch=unwritable) == surface_grid(vertices, triangles)).all()

@@ -5,7 +5,7 @@ import pytest
 
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.fitting import refine
-from recon.fitting.network_starts import Candidate, FitResult
+from recon.fitting.view_starts import Candidate, FitResult
 from recon.geometry import align
 from recon.scene import Canonical
 

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 
 from nnproc.codec import Codec
 from nnproc.infer import WeightsError, load_network, params_from_grids, save_network
@@ -15,7 +17,9 @@ from nnproc.network import (
     grid_from_cells,
     occupancy_loss,
     occupancy_slope,
+    parameter_count,
 )
+from procmodels import load, paper_names
 from procmodels.conditions import when
 from procmodels.space import Choice, Flag, Integer, ParamSpace, Scalar
 
@@ -151,7 +155,7 @@ def test_similarity_loss_is_zero_for_equal_angles():
     assert similarity_loss(torch.randn(6, 5), x).item() > 0.1
 
 
-@pytest.mark.parametrize("layers", ["patch", "product", "paper"])
+@pytest.mark.parametrize("layers", ["patch", "product", "paper", "wide"])
 def test_every_weight_gets_a_gradient(layers, rng):
     network = NNProc(SPACE, NetworkConfig(layers=layers))
     vectors = network.codec.vectors([SPACE.sample(rng) for _ in range(4)])
@@ -189,6 +193,54 @@ def test_weights_round_trip_and_are_refused_for_another_space(tmp_path):
         load_network(SPACE, tmp_path / "none.safetensors")
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(WeightsError, match="restore or retrain"):
+        load_network(SPACE, path)
+
+
+def test_a_rich_classes_whole_network_stays_below_12_mb():
+    """Half precision; the widest layers and heads for the chair's 67 slots."""
+    space = ParamSpace("wide", (*SPACE.parameters, Choice("more", tuple(str(i) for i in range(60)))))
+    assert 2 * parameter_count(NNProc(space, NetworkConfig(layers="wide", hidden=512))) < 12e6
+
+
+@pytest.mark.parametrize("name", paper_names())
+def test_shipped_weights_load_as_they_are(name):
+    model = load(f"paper/{name}")
+    network = load_network(model.space, model.weights, decoder=True)
+    assert network.has_decoder
+    stored = load_file(model.weights)
+    state = network.state_dict()
+    assert set(stored) == set(state)
+    assert all(torch.equal(state[k].cpu(), v.float()) for k, v in stored.items())
+
+
+def test_an_inverse_half_is_stored_alone_and_refuses_to_draw(tmp_path):
+    path = tmp_path / "stool.safetensors"
+    network = NNProc(SPACE, NetworkConfig(layers="wide", hidden=32)).eval()
+    network.has_decoder = False
+    save_network(path, network)
+    assert {k.split(".")[0] for k in load_file(path)} == {"shape_encoder", "param_decoder"}
+    loaded = load_network(SPACE, path)
+    assert not loaded.has_decoder
+    grid = torch.rand(1, 64, 64, 64).round()
+    found, expected = (n.decode_params(n.encode_grid(grid)[0]) for n in (loaded, network))
+    assert torch.allclose(found, expected, atol=1e-2)
+    z, vector = torch.zeros(1, 128), torch.zeros(1, loaded.codec.width)
+    for ask in (
+        lambda: loaded.decode_grid(z),
+        lambda: loaded.decode_cells(z),
+        lambda: loaded.encode_params(vector),
+        lambda: losses(loaded, cells_from_grid(grid), vector, LossWeights()),
+    ):
+        with pytest.raises(RuntimeError, match="stool"):
+            ask()
+    with pytest.raises(WeightsError, match=r"inverse half alone.*needs a decoder"):
+        load_network(SPACE, path, decoder=True)
+    # A file that lacks what it should hold is refused.
+    state = load_file(path)
+    with safe_open(path, framework="pt") as file:
+        metadata = file.metadata()
+    save_file({k: v for k, v in state.items() if not k.startswith("param_decoder.0")}, path, metadata)
+    with pytest.raises(WeightsError, match=r"param_decoder\.0"):
         load_network(SPACE, path)
 
 

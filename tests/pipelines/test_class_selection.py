@@ -7,12 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nnproc.latent_fit import FitOptions as LatentOptions
 from procmodels import registry
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.fitting.mask_target import Level
-from recon.fitting.network_starts import Candidate, FitOptions, FitResult
 from recon.fitting.refine import Refined, RefineOptions
+from recon.fitting.view_starts import Candidate, FitOptions, FitResult
 from recon.geometry.visual_hull import HullOptions
 from recon.geometry.visual_hull import run as hull_run
 from recon.outputs.report import words
@@ -45,7 +44,7 @@ def world(monkeypatch, tmp_path):
         asked.fits.append((model.name, options))
         return FitResult((Candidate({}, 0, 0.0),))
 
-    monkeypatch.setattr(class_selection.network_starts, "run", fit)
+    monkeypatch.setattr(class_selection.view_starts, "run", fit)
     monkeypatch.setattr(class_selection.refine, "run", lambda model, *_: _refined(asked.full[model.name]))
     monkeypatch.setattr(class_selection.refine, "quick_iou", lambda model, *_: asked.short[model.name])
     for name in asked.short:
@@ -65,7 +64,7 @@ def world(monkeypatch, tmp_path):
 def test_all_get_a_short_fit_and_the_best_two_a_full_one(world):
     chosen = world.run()
     assert [name for name, _ in world.fits] == ["bed", "chair", "sofa", "sofa", "chair"]
-    costs = [options.latent.starts * options.latent.steps for _, options in world.fits]
+    costs = [options.random for _, options in world.fits]
     assert max(costs[:3]) < min(costs[3:]) / 3
     assert [options for _, options in world.fits[3:]] == [FitOptions()] * 2, "as if it had been named"
     assert chosen.model.name == "chair", "the refined result decides, not the short fit"
@@ -129,14 +128,13 @@ def test_a_chair_is_taken_for_a_chair(chair):
     shape = {"width": 0.5, "depth": 0.5, "leg_height": 0.4, "legs": "basic", "arms": "basic", "back": "vbar"}
     poses, masks = drawn_scene(chair.build(shape), cameras, place)
     hull = hull_run(poses, masks, place, HullOptions(size=64))
-    latent = LatentOptions(bank=16, starts=4, keep=2, prune_at=4, steps=10)
-    brief = AutoOptions(bank=8, starts=3, keep=1, steps=6, max_views=3, finalists=1)
+    brief = AutoOptions(random=8, kept=1, finalists=1)
     chosen = class_selection.run(
         lambda name, options, compute: compute(),
         models,
         (poses, masks, place),
         hull,
-        FitOptions(size=48, max_views=4, latent=latent),
+        FitOptions(size=48, max_views=4, random=24, kept=2),
         RefineOptions(size=48, levels=(Level(2, blur=1),), steps=(2, 2, 2), candidates=1, sweeps=0),
         brief,
     )

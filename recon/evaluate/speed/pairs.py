@@ -53,8 +53,8 @@ def subject(options: SpeedOptions) -> Subject:
     """The first held-out on-grid chair and the shipped network."""
     if not 1 <= options.size <= SIZE or SIZE % options.size:
         raise ValueError(f"size must divide {SIZE}, got {options.size}")
-    model = load("chair")
-    network = load_network(model.space, model.weights)
+    model = load("paper/chair")
+    network = load_network(model.space, model.weights, decoder=True)
     (case,) = cases(model, "on", 1)
     K, cam_from_canonical = (c.float() for c in paper_cameras(options.size))
     stride = SIZE // options.size

@@ -22,6 +22,7 @@ from nnproc.infer import grids_from_params, load_network, save_network
 from nnproc.losses import VARIANTS
 from nnproc.train import TrainOptions, train
 from procmodels import Model, load
+from procmodels.registry import PAPER
 from procmodels.space import Params
 from recon.evaluate.data.held_out import Case, cases
 from recon.evaluate.metrics import chamfer, d_voxel
@@ -50,9 +51,9 @@ class Table1Options:
 
 
 def run(classes: list[str], options: Table1Options) -> Iterator[Table1Row]:
-    """All rows asked for, one after another. Raises ModelError and WeightsError."""
+    """All rows asked for of the paper's classes, one after another. Raises ModelError and WeightsError."""
     for name in classes:
-        model = load(name)
+        model = load(PAPER + name)
         for grid in options.grids:
             held_out: list[Case] = []  # built when the first row needs them
             for method in options.methods:
@@ -96,7 +97,7 @@ def _measured(
 ) -> Table1Row:
     if task == "spread":
         return _spread(model, grid, held_out)
-    bench = Bench(model, load_network(model.space, weights), options.work, options.data)
+    bench = Bench(model, load_network(model.space, weights, decoder=True), options.work, options.data)
     if task == "1":
         return _task1(bench, grid, method, held_out)
     return _recovered(bench, grid, task, method, METHODS[task].get(method, METHODS[task]["ours"]), held_out)
@@ -106,7 +107,7 @@ def _spread(model: Model, grid: str, held_out: list[Case]) -> Table1Row:
     """Average dissimilarities of random pairs (the paper's columns 2 and 3): each shape with the next."""
     pairs = list(zip(held_out, held_out[1:] + held_out[:1], strict=True))
     return Table1Row(
-        model.name,
+        model.space.name,
         grid,
         "spread",
         "spread",
@@ -123,7 +124,7 @@ def _task1(bench: Bench, grid: str, method: str, held_out: list[Case]) -> Table1
     found = [grids_from_params(bench.network, v[None])[0] for v in vectors]
     seconds = (time.perf_counter() - started) / len(vectors)
     wrong = float(np.mean([d_voxel(f, c.grid) for f, c in zip(found, held_out, strict=True)]))
-    return Table1Row(bench.model.name, grid, "1", method, len(held_out), d_voxel=wrong, seconds=seconds)
+    return Table1Row(bench.model.space.name, grid, "1", method, len(held_out), d_voxel=wrong, seconds=seconds)
 
 
 def _recovered(bench: Bench, grid: str, task: str, name: str, method: Method, held_out: list[Case]) -> Table1Row:
@@ -140,7 +141,7 @@ def _recovered(bench: Bench, grid: str, task: str, name: str, method: Method, he
     shapes = [bench.model.build(p) for p in found]
     grids = [surface_grid(s.vertices(), s.triangles()) for s in shapes]
     return Table1Row(
-        bench.model.name,
+        bench.model.space.name,
         grid,
         task,
         name,
