@@ -136,23 +136,26 @@ def _answers(rows: Sequence[BeliefRow], use: Beliefs) -> Weights:
         table.append([numbers[k] for k in ANSWERS if k != "base"])
         belongs.append(r.belongs)
     found = _logistic(table, belongs, ANSWERS, balanced=True)
-    if len(set(belongs)) < 2:
+    real = np.array([not r.own for r in rows], bool)  # own shapes fit better than any real object
+    if len({b for b, r in zip(belongs, real, strict=True) if r}) < 2:
         return found
     order = [found[k] for k in ANSWERS if k != "base"]
     odds = np.array(table) @ order
-    found["base"] = float(np.log(GATE / (1 - GATE))) - _gate(odds, np.array(belongs))
+    found["base"] = float(np.log(GATE / (1 - GATE))) - _gate(odds[real], np.array(belongs)[real], -found["base"])
     return found
 
 
-def _gate(odds: np.ndarray, belongs: np.ndarray) -> float:
-    """The odds at which the share of others below and of the class above come nearest to what is wanted of both."""
+def _gate(odds: np.ndarray, belongs: np.ndarray, even: float) -> float:
+    """The odds at which the share of others below and of the class above come nearest to what is wanted of both; where
+    several are as near, that next to what the curve itself takes for even."""
     low, high = (float(np.log(p / (1 - p)) - np.log(GATE / (1 - GATE))) for p in (DENIED, DOUBTED))
     places = np.unique(np.concatenate([odds - low, odds - high, [odds.min() - 1]]))
     places = np.concatenate([places, (places[1:] + places[:-1]) / 2])
     denied = np.array([(odds[~belongs] < at + low).mean() for at in places]) / SHARES[0]
     kept = np.array([(odds[belongs] >= at + high).mean() for at in places]) / SHARES[1]
     worst = np.minimum(denied, kept)
-    return float(np.mean(places[worst >= worst.max() - 1e-9]))
+    best = places[worst >= worst.max() - 1e-9]
+    return float(np.clip(even, best.min(), best.max()))
 
 
 def checked(rows: Sequence[BeliefRow], parts: int = 5, names: bool = True) -> list[Checked]:
