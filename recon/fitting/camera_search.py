@@ -14,14 +14,14 @@ import numpy as np
 
 from procmodels import Model
 from procmodels.space import Params
-from recon.fitting import uncertainty
+from recon.fitting import beliefs, uncertainty
 from recon.fitting.moves import Face
 from recon.fitting.one_view import CameraSearchOptions, OneView, ViewProblem, distinct, problem_of, starts
 from recon.fitting.refine import Refined, turned
 from recon.fitting.search import Search
 from recon.fitting.silhouette_bank import Bank, shape_bank
 from recon.fitting.state import State
-from recon.fitting.uncertainty import Certainty
+from recon.fitting.uncertainty import Calibration, Certainty
 from recon.scene import Canonical
 
 ELSEWHERE = 40.0  # degrees: another camera so far round has another front before it
@@ -72,7 +72,7 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
         mean_iou,
         max(map(problem.agreement, begun)),
         tuple(sorted(words, key=lambda pair: -pair[1])),
-        uncertainty.run(fine, best, neighbours=near_by),
+        uncertainty.run(fine, best, _calibration(model), near_by),
         next_front=max(fronts, default=0.0),
     )
     return FoundView(
@@ -110,8 +110,12 @@ def find_all(
         problem.posed(state).cam_from_shape,
         mean_iou,
         tuple((str(move), mean_iou - loss) for move, loss in search.behind(state, near_by)),
-        uncertainty.run(search, state, neighbours=near_by),
+        uncertainty.run(search, state, _calibration(model), near_by),
     )
+
+
+def _calibration(model: Model) -> Calibration:
+    return beliefs.calibration_of(beliefs.table(model.space, "image"))
 
 
 def _K(view: OneView, problem: ViewProblem, state: State) -> np.ndarray:

@@ -18,6 +18,7 @@ from recon.geometry.raster import iou, silhouettes
 from recon.scene import Scene, Silhouettes, cam_from_canonical
 
 EXPLAINED = 0.85  # mean IoU below which something about the outlines is not of this class, or the masks are wrong
+FEW = 4  # views; what fewer of them show is believed like a single one
 CLEAR = 0.02  # how much IoU the best front should be ahead of the next
 
 
@@ -53,6 +54,8 @@ def run(model: Model, scene: Scene, refined: Refined, photos: int, kind: str = "
     mean = float(view_iou[masks.used].mean())
     lead = refined.mean_iou - refined.next_front
     found = evidence_in(model, refined.params, scene)
+    if masks.used.sum() < FEW:
+        kind = "image"
     stated = beliefs.stated(refined.certainty, found, beliefs.table(model.space, kind))
     explanation = (
         f"outlines agree by {mean:.2f} (IoU), {int(masks.used.sum())} of {photos} photos used, "

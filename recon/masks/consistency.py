@@ -18,7 +18,7 @@ from recon.geometry.voxel_carving import Cells
 from recon.scene import Cameras
 
 LONGEST = 320  # px of the pictures that are compared
-WITNESSES = 8  # other views that are asked what a view takes from them
+WITNESSES = 5  # other views that are asked what a view takes from them
 SUSPECTS = 6  # views that may be the one which spoils the others' hull
 TURNS = 24  # places round the object that a camera may belong to instead
 FITS, BETTER = 0.9, 0.1  # of a mask, covered from another place, and how much more it then overlaps

@@ -49,23 +49,23 @@ def test_others_are_denied_and_the_class_is_kept(many):
 
 
 def test_caps_never_grow_with_the_misfit(many):
-    caps = fit.fitted(many).caps
-    assert len(caps) == fit.BINS
+    caps = fit.fitted(many, "mesh").caps
+    assert len(caps) == fit.BINS + 1
     assert [m for m, _ in caps] == sorted(m for m, _ in caps)
     assert [c for _, c in caps] == sorted((c for _, c in caps), reverse=True)
 
 
 def test_few_objects_stay_near_what_was_thought_before(many):
-    few, none = fit.fitted(many[:4]), fit.fitted([])
+    few, none = fit.fitted(many[:4], "mesh"), fit.fitted([], "mesh")
     assert few.choices["share"] == pytest.approx(none.choices["share"], abs=0.3)
     assert none.choices["share"] == fit.CHOICES["share"][0]
 
 
 def test_own_shapes_alone_teach_no_chances(many):
     own = [replace(r, name=f"own/{i}") if r.belongs else r for i, r in enumerate(many[:200])]
-    use, none = fit.fitted(own), fit.fitted([])
+    use, none = fit.fitted(own, "mesh"), fit.fitted([], "mesh")
     assert use.choices == none.choices
-    assert not use.caps
+    assert use.caps == none.caps
     assert use.answers != none.answers
 
 
@@ -77,7 +77,7 @@ def test_wrong_signs_are_not_learnt():
         row = made_up(rng, i, i % 2 == 0)
         told = replace(row.choices["arms"], right=bool(row.evidence.misfit > 0.015))
         upside_down.append(replace(row, choices={"arms": told}))
-    use = fit.fitted(upside_down)
+    use = fit.fitted(upside_down, "mesh")
     assert use.choices["misfit"] <= 0
     assert all(w <= 0 for n, w in use.answers.items() if n not in (*beliefs.HELPS, "base"))
 
@@ -144,9 +144,9 @@ def test_the_gather_goes_on_where_it_stopped(things, tmp_path, monkeypatch):
 
 def test_what_is_learnt_of_one_class_leaves_others_alone(many, tmp_path):
     file = tmp_path / "beliefs.json"
-    command.write(file, "first", "one", {"mesh": fit.fitted(many[:40])})
+    command.write(file, "first", "one", {"mesh": fit.fitted(many[:40], "mesh")})
     before = json.loads(file.read_text())["classes"]["first"]
-    command.write(file, "second", "two", {"mesh": fit.fitted(many[40:80])})
+    command.write(file, "second", "two", {"mesh": fit.fitted(many[40:80], "mesh")})
     after = json.loads(file.read_text())["classes"]
     assert after["first"] == before
     assert after["second"]["name"] == "two"

@@ -73,7 +73,7 @@ def test_replaced_masks_are_put_aside(scene):
 
 
 def test_grown_masks_grow_and_shrink(scene):
-    _, masks, _ = scene
+    masks = scene.silhouettes
     rng = np.random.default_rng(0)
     wide, narrow = robust.grown(2)(masks, rng), robust.grown(-2)(masks, rng)
     for exact, w, n in zip(masks.masks, wide.masks, narrow.masks, strict=True):
@@ -83,7 +83,7 @@ def test_grown_masks_grow_and_shrink(scene):
 
 
 def test_unknown_must_belong_to_the_masks(scene):
-    _, masks, _ = scene
+    masks = scene.silhouettes
     with pytest.raises(ValueError, match="unknown"):
         replace(masks, unknown=(None,))
     assert isinstance(masks, Silhouettes)

@@ -192,7 +192,7 @@ def test_a_class_without_a_table_goes_by_the_default(tmp_path):
     from recon.evaluate.beliefs import command, fit
 
     file = tmp_path / "beliefs.json"
-    mine, rest = fit.fitted([]), replace(fit.fitted([]), objects=7)
+    mine, rest = fit.fitted([], "mesh"), replace(fit.fitted([], "mesh"), objects=7)
     command.write(file, beliefs.DEFAULT, "default", {k: rest for k in beliefs.KINDS})
     command.write(file, SPACE.hash, "chair", {"mesh": mine})
     assert beliefs.table(SPACE, "mesh", file).objects == 0

@@ -30,12 +30,12 @@ def model(tmp_path):
 
 def test_views_start_from_what_it_reads_off_the_hull(model):
     cameras, place = orbit(6, seed=0)
-    poses, masks = drawn_scene(model.build(model.space.usual), cameras, place)
-    hull = visual_hull.run(poses, masks, place)
-    found = view_starts.run(model, poses, masks, place, hull, SMALL)
+    seen = drawn_scene(model.build(model.space.usual), cameras, place)
+    hull = visual_hull.run(seen)
+    found = view_starts.run(model, seen, hull, SMALL)
     assert len({c.turn for c in found.candidates}) == 4
     asked = replace(SMALL, latent=LatentOptions(starts=2, keep=1, steps=2))
-    assert view_starts.run(model, poses, masks, place, hull, asked) == found
+    assert view_starts.run(model, seen, hull, asked) == found
 
 
 def test_shapes_start_from_what_it_reads_off_their_grids(model):

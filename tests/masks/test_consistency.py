@@ -26,7 +26,7 @@ def armchair():
 def scene():
     """Cameras, masks and where the chair stands."""
     cameras, place = orbit(VIEWS, seed=2)
-    _, masks = drawn_scene(armchair(), cameras, place)
+    masks = drawn_scene(armchair(), cameras, place).silhouettes
     return cameras, list(masks.masks), place
 
 
@@ -75,7 +75,7 @@ def test_a_good_view_from_a_side_that_no_other_has_is_kept(scene):
     poses = poses @ world
     poses[:, :3] /= np.linalg.norm(world[:3, 0])
     cameras = Cameras(tuple(f"{i}.jpg" for i in range(10)), K, poses, np.full((10, 2), 600))
-    _, masks = drawn_scene(armchair(), cameras, place)
+    masks = drawn_scene(armchair(), cameras, place).silhouettes
     assert judged(cameras, list(masks.masks)) == (set(), {})
 
 

@@ -46,10 +46,12 @@ def run(model: Model, options: BeliefOptions) -> list[Row]:
     if not by_kind:
         raise InputError(f"fewer than {FEWEST} objects were looked at of any kind of input; --limit wants more")
     if options.table is not None:
-        learnt = {kind: fit.fitted(rows) for kind, rows in by_kind.items()}
+        learnt = {kind: fit.fitted(rows, kind) for kind, rows in by_kind.items()}
         write(options.table, model.space.hash, model.name, learnt)
         if options.default:
-            write(options.table, DEFAULT, DEFAULT, {kind: fit.fitted(rows, False) for kind, rows in by_kind.items()})
+            write(
+                options.table, DEFAULT, DEFAULT, {kind: fit.fitted(rows, kind, False) for kind, rows in by_kind.items()}
+            )
     return [row for kind, rows in by_kind.items() for row in summary(kind, rows)]
 
 

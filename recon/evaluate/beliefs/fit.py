@@ -44,15 +44,21 @@ ANSWERS: Prior = {
     "sure": (2.0, 2.0),
 }
 NAMES = 0.5  # spread of what a choice's name adds
+# Misfits of an input that is met, as long as nothing was measured, and of one that is hardly met, by its kind.
+FOUND = {"mesh": 0.01, "cloud": 0.01, "image": 0.05, "masks": 0.05}
+LOST = {"mesh": 0.1, "cloud": 0.1, "image": 0.5, "masks": 0.5}
 BINS, SUREST = 4, 0.8  # of misfits for the caps; chance from which a choice is one of the surest
 GATE = 0.25  # confidence at the misfit that parts the class from others best: between denied and not even doubted
 LABELLED = 12  # choices of real objects, fewer set no chances
-FEWEST = 200  # scalars of known truth, fewer set no intervals
+FEWEST = 60  # scalars of known truth, fewer set no intervals
 SHARES = (0.95, 0.9)  # of others to be denied, of the class not to be doubted
 
 
-def fitted(rows: Sequence[BeliefRow], names: bool = True) -> Beliefs:
-    """The beliefs that some objects of one kind of input teach. names: whether choices are told apart by name."""
+def fitted(rows: Sequence[BeliefRow], kind: str, names: bool = True) -> Beliefs:
+    """The beliefs that some objects teach, all looked at as one kind of input.
+
+    names  whether choices are told apart by name
+    """
     own_names = sorted({n for r in rows for n in r.choices}) if names else []
     looked = [(r, n, t) for r in rows for n, t in r.choices.items() if t.right is not None]
     if sum(not r.own for r, *_ in looked) < LABELLED:  # what is right of own shapes alone says little of real ones
@@ -65,7 +71,7 @@ def fitted(rows: Sequence[BeliefRow], names: bool = True) -> Beliefs:
     prior = {**CHOICES, **{f"name {n}": (0.0, NAMES) for n in own_names}}
     found = _logistic(table, [bool(t.right) for *_, t in looked], prior)
     use = Beliefs({k: found[k] for k in CHOICES}, {}, {n: found[f"name {n}"] for n in own_names}, objects=len(rows))
-    use = replace(use, caps=_caps(rows, use) if looked else (), intervals=_intervals(rows))
+    use = replace(use, caps=_caps(rows if looked else (), use, kind), intervals=_intervals(rows))
     return replace(use, answers=_answers(rows, use))
 
 
@@ -105,26 +111,26 @@ def _intervals(rows: Sequence[BeliefRow]) -> tuple[float, float, float] | None:
     return round(found.spread, 4), round(found.floor, 4), round(found.tail, 4)
 
 
-def _caps(rows: Sequence[BeliefRow], use: Beliefs) -> tuple[tuple[float, float], ...]:
-    """(misfit, share of right ones among the surest choices) in bins of misfit, never growing with it."""
-    sure = [
+def _caps(rows: Sequence[BeliefRow], use: Beliefs, kind: str) -> tuple[tuple[float, float], ...]:
+    """(misfit, share of right ones among the surest choices) in bins of misfit, never growing with it; at LOST, where
+    the input is hardly met at all, a choice may be right or wrong."""
+    sure = sorted(
         (r.evidence.misfit, bool(t.right))
         for r in rows
         for n, t in r.choices.items()
         if t.right is not None and beliefs.chance(n, t.choice, r.evidence, use) >= SUREST
-    ]
-    if len(sure) < 2 * BINS:
-        return ()
-    sure.sort()
+    )
+    good, lost = FOUND[kind], LOST[kind]
     out: list[tuple[float, float]] = []
-    for part in np.array_split(np.arange(len(sure)), BINS):
+    for part in np.array_split(np.arange(len(sure)), BINS) if len(sure) >= 2 * BINS else ():
         some = [sure[i] for i in part]
         middle = float(np.exp(np.mean([np.log(max(m, evidence.FINEST)) for m, _ in some])))
         # One right and a twentieth of a wrong one are thrown in: few that were all right do not prove it of all.
         share = (sum(r for _, r in some) + 1) / (len(some) + 1.05)
         highest = min(out[-1][1] if out else HIGHEST, share, HIGHEST)
         out.append((round(middle, 4), round(max(highest, LOWEST), 4)))
-    return tuple(out)
+    out = [(m, c) for m, c in out or [(good, HIGHEST)] if m < lost]
+    return (*out, (lost, min(0.5, out[-1][1]) if out else 0.5))
 
 
 def _answers(rows: Sequence[BeliefRow], use: Beliefs) -> Weights:
@@ -136,23 +142,26 @@ def _answers(rows: Sequence[BeliefRow], use: Beliefs) -> Weights:
         table.append([numbers[k] for k in ANSWERS if k != "base"])
         belongs.append(r.belongs)
     found = _logistic(table, belongs, ANSWERS, balanced=True)
-    if len(set(belongs)) < 2:
+    real = np.array([not r.own for r in rows], bool)  # own shapes fit better than any real object
+    if len({b for b, r in zip(belongs, real, strict=True) if r}) < 2:
         return found
     order = [found[k] for k in ANSWERS if k != "base"]
     odds = np.array(table) @ order
-    found["base"] = float(np.log(GATE / (1 - GATE))) - _gate(odds, np.array(belongs))
+    found["base"] = float(np.log(GATE / (1 - GATE))) - _gate(odds[real], np.array(belongs)[real], -found["base"])
     return found
 
 
-def _gate(odds: np.ndarray, belongs: np.ndarray) -> float:
-    """The odds at which the share of others below and of the class above come nearest to what is wanted of both."""
+def _gate(odds: np.ndarray, belongs: np.ndarray, even: float) -> float:
+    """The odds at which the share of others below and of the class above come nearest to what is wanted of both; where
+    several are as near, that next to what the curve itself takes for even."""
     low, high = (float(np.log(p / (1 - p)) - np.log(GATE / (1 - GATE))) for p in (DENIED, DOUBTED))
     places = np.unique(np.concatenate([odds - low, odds - high, [odds.min() - 1]]))
     places = np.concatenate([places, (places[1:] + places[:-1]) / 2])
     denied = np.array([(odds[~belongs] < at + low).mean() for at in places]) / SHARES[0]
     kept = np.array([(odds[belongs] >= at + high).mean() for at in places]) / SHARES[1]
     worst = np.minimum(denied, kept)
-    return float(np.mean(places[worst >= worst.max() - 1e-9]))
+    best = places[worst >= worst.max() - 1e-9]
+    return float(np.clip(even, best.min(), best.max()))
 
 
 def checked(rows: Sequence[BeliefRow], parts: int = 5, names: bool = True) -> list[Checked]:
@@ -161,7 +170,7 @@ def checked(rows: Sequence[BeliefRow], parts: int = 5, names: bool = True) -> li
     group = {name: zlib.crc32(name.encode()) % parts for name in {r.name for r in rows}}
     for part in range(parts):
         rest = [r for r in rows if group[r.name] != part]
-        use = fitted(rest, names)
+        use = fitted(rest, rows[0].kind, names)
         for r in rows:
             if group[r.name] == part:
                 chances = {n: beliefs.chance(n, t.choice, r.evidence, use) for n, t in r.choices.items()}
