@@ -181,6 +181,8 @@ def _why(evidence: Evidence) -> str:
         said.append(f"{evidence.missing:.0%} of what is seen has nothing of the result near it")
     if evidence.idle > 0.05:
         said.append(f"{evidence.idle:.0%} of the result lies where nothing is seen")
+    if not said and evidence.plain > 0.8:
+        said.append("any plain body explains what is seen as well")
     if not said and evidence.unusual > 1.5:
         said.append("its proportions are unusual")
     return f" ({' and '.join(said)})" if said else ""

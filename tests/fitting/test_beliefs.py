@@ -177,6 +177,7 @@ def test_doubts_are_said():
     (denied,) = beliefs.words("armchair", 0.1, replace(GOOD, missing=0.3))
     assert "is not an armchair" in denied
     assert "30%" in denied
+    assert "any plain body" in beliefs.words("chair", 0.1, replace(GOOD, plain=1.5))[0]
 
 
 def test_stated_chances_replace_those_of_exact_outlines(use):

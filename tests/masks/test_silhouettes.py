@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from recon.files import mask_images
+from recon.geometry.align import looked_at
 from recon.geometry.mask_checks import EDGED, implausible, outline_support, unusable
 from recon.geometry.room_planes import find_room, floor_plane, up_direction
 from recon.geometry.undistort import undistorted_mask
@@ -252,6 +253,22 @@ def test_a_mask_that_contradicts_the_others_is_dropped_and_named(scene: Scene, t
     assert np.flatnonzero(~found.used).tolist() == [5]
     assert found.reasons[0][0] == "IMG_05.jpg"
     assert "contradicts" in found.reasons[0][1]
+
+
+def test_a_camera_on_the_wrong_side_is_refused_by_name(scene: Scene, tmp_path: Path) -> None:
+    """One that stands elsewhere round the object than its photo was taken from."""
+    poses = scene.poses.cameras.cam_from_world.copy()
+    middle = looked_at(scene.poses.cameras, list(scene.truth))
+    up = up_direction(scene.poses.cameras)
+    turn = np.eye(4)
+    turn[:3, :3] = cv2.Rodrigues(np.radians(70) * up)[0]
+    turn[:3, 3] = middle - turn[:3, :3] @ middle
+    poses[4] = poses[4] @ turn
+    wrong = replace(scene.poses, cameras=replace(scene.poses.cameras, cam_from_world=poses))
+    found = silhouettes.run(scene.frames, wrong, save_masks(scene, tmp_path / "m"), tmp_path, FAST)
+    assert np.flatnonzero(~found.used).tolist() == [4]
+    assert found.reasons[0][0] == "IMG_04.jpg"
+    assert "camera" in found.reasons[0][1]
 
 
 NAMES = ["IMG_00.png", "IMG_00.jpg.png", "IMG_00.bmp", "img_00.PNG", "IMG_00.jpg", "IMG_00_mask.png", "mask_IMG_00.png"]
