@@ -60,7 +60,7 @@ def samples(options: CalibrationOptions) -> list[Sample]:
     for name in options.classes:
         model = load(name)
         for i, case in enumerate(tqdm(cases(model, "off", options.shapes), desc=name, disable=None)):
-            file = folder / f"{name}_{model.space.hash}_{i}.json"
+            file = folder / f"{name.replace('/', '-')}_{model.space.hash}_{i}.json"
             if not file.is_file():
                 rng = np.random.default_rng([23, i])
                 cameras, place = orbit(int(rng.integers(options.views[0], options.views[1] + 1)), seed=i)

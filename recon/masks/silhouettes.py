@@ -38,7 +38,7 @@ class SilhouetteOptions:
     few: int = 8  # photos; with fewer, that nothing was found is put down to it
     judge_cells: int = 96  # cells along the object's box in which masks are compared
     judge_share: float = 0.8  # of the other masks that must contain a cell
-    judge_slack: tuple[float, float] = (0.07, 0.12)  # of a mask, drawn or found, that may lie outside the others' shape
+    judge_slack: tuple[float, float] = (0.09, 0.12)  # of a mask, drawn or found, that may lie outside the others' shape
     consistent: float = 0.6  # of inverted masks, turned round, that their common shape must explain to be believed
     judge_least: int = 4  # masks; fewer cannot outvote one
 

@@ -87,7 +87,7 @@ def test_calibration_recovers_a_known_truth():
 
 
 def test_samples_are_kept(tmp_path, monkeypatch):
-    options = calibration.CalibrationOptions(classes=("chair",), shapes=1, views=(4, 4), work=tmp_path)
+    options = calibration.CalibrationOptions(classes=("paper/chair",), shapes=1, views=(4, 4), work=tmp_path)
     first = calibration.samples(options)
     assert len(first) == 1
     assert len(first[0].scalars) == 3
