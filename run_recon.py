@@ -143,9 +143,10 @@ def summary(report: Path) -> str:
     r = json.loads(report.read_text())
     values = ", ".join(f"{k} {v if isinstance(v, str) else round(v, 3)}" for k, v in r["params"].items())
     classes = tuple((c["class"], c["iou"]) for c in r.get("classes", []))
+    noun = r["class"].rpartition("/")[2]  # a chair of the paper is a chair
     lines = [
         *([tried(classes)] if classes else []),
-        f"{r['class'] if r.get('belongs', True) else 'no ' + r['class'] + '; the nearest one'}: {values}",
+        f"{noun if r.get('belongs', True) else f'no {noun}; the nearest one'}: {values}",
         f"{_agreement(r)}, confidence {r['confidence']:.2f}, {r['seconds']['total']:.0f} s",
         *(f"warning: {w}" for w in r["warnings"]),
         f"results: {shown(str(report.parent))} (start with report.html)",

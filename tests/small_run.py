@@ -20,6 +20,7 @@ def main() -> int:
 
     folder, out, masks = map(Path, sys.argv[1:4])
     options = photos.ReconOptions(
+        class_name="paper/chair",
         masks=masks,
         redo=Redo(force="--force" in sys.argv),
         poses=PosesOptions(attempts=1),

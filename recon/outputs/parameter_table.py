@@ -34,8 +34,8 @@ def bar(share: float, sure: tuple[float, float] | None = None) -> str:
 
 
 def spaced(name: str) -> str:
-    """A name for people."""
-    return name.replace("_", " ")
+    """A name for people; of paper/chair the last word."""
+    return name.rpartition("/")[2].replace("_", " ")
 
 
 def _row(p: Parameter, value: Any, metres: float | None, about: dict[str, Any]) -> str:

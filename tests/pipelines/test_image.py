@@ -322,7 +322,7 @@ def test_a_mask_alone_ends_in_all_outputs(chair, bank, tmp_path, monkeypatch):
     path = _saved(mask, tmp_path / "0007.png")
     (tmp_path / "pix3d.json").write_text(json.dumps([_record(K, pose)]))
     written = OutputsOptions(blender=False, renders=1, render_size=64)
-    options = ImageOptions(pix3d=tmp_path / "pix3d.json", height=0.9, search=SMALL, outputs=written)
+    options = ImageOptions("paper/chair", pix3d=tmp_path / "pix3d.json", height=0.9, search=SMALL, outputs=written)
     paths = image.run(path, tmp_path / "out", options)
     report = json.loads(paths.report_json.read_text())
     assert report["mean_iou"] > 0.95

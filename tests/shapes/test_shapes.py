@@ -184,7 +184,10 @@ def test_the_command_ends_in_the_same_outputs(tmp_path, chair, monkeypatch, caps
     answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 1e-4, 2e-4, "up z, front -y", others, True, sure, seen)
     monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: _checked(target, answer))
     out = tmp_path / "out"
-    assert main([str(tmp_path / "c.stl"), "--up", "z", "--height", "0.9", "--out", str(out)]) == 0
+    assert (
+        main([str(tmp_path / "c.stl"), "--class", "paper/chair", "--up", "z", "--height", "0.9", "--out", str(out)])
+        == 0
+    )
     assert "D_chamfer 0.00010 to a mesh of" in capsys.readouterr().out
     report = json.loads((out / "report.json").read_text())
     assert report["input"]["kind"] == "mesh"
@@ -205,7 +208,7 @@ def test_what_is_no_chair_is_said_to_be_none(tmp_path, chair, monkeypatch, capsy
     answer = ShapeFit(CHAIR, Canonical(np.eye(4)), 0.016, 0.02, "up z, front -y", (), True, sure, seen)
     monkeypatch.setattr("recon.fitting.shape_fit.run", lambda model, target, options: answer)
     out = tmp_path / "out"
-    assert main([str(tmp_path / "fridge.stl"), "--up", "z", "--out", str(out)]) == 0
+    assert main([str(tmp_path / "fridge.stl"), "--class", "paper/chair", "--up", "z", "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "no chair; the nearest one:" in said
     assert "warning: this is not a chair" in said
