@@ -42,16 +42,17 @@ class Codec:
         """(B, width) bool, slots of the parameters that do something in shapes with these vectors."""
         return self.space.active_in(vectors)
 
-    def loss(self, scores: Tensor, target: Tensor) -> Tensor:
+    def loss(self, scores: Tensor, target: Tensor, scalars: float = 1.0) -> Tensor:
         """(B,) L_param of the paper's section 3.4: squared difference for scalars, cross-entropy for the rest.
 
-        Summed over the parameters that are active in the target.
+        Summed over the parameters that are active in the target. `scalars` is the weight of the differences: 1 is the
+        paper; with 1 / (2 s^2) the sum is a likelihood, scalars being normal with a standard deviation of s.
         """
         total = scores.new_zeros(len(scores))
         active = self.active(target) if self.space.conditional else None
         if self.scalars:
             difference = torch.sigmoid(scores[:, self.scalars]) - target[:, self.scalars]
-            total = total + _counted(difference.square(), active, self.scalars).sum(1)
+            total = total + scalars * _counted(difference.square(), active, self.scalars).sum(1)
         if self.flags:
             entropy = F.binary_cross_entropy_with_logits(scores[:, self.flags], target[:, self.flags], reduction="none")
             total = total + _counted(entropy, active, self.flags).sum(1)

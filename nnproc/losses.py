@@ -26,6 +26,7 @@ class LossWeights:
     # Share of a batch whose shape is decoded from PE(p) rather than from SE's sample: Task 1 is SD(PE(p)),
     # which the paper's sum trains only through the latent term (0 = the paper).
     decode_from_params: float = 0.5
+    scalars: float = 1.0  # of the squared differences in `param`, beside its cross-entropies (Codec.loss)
 
 
 PAPER = LossWeights(param=1.0, latent=1.0, decode_from_params=0.0)
@@ -66,14 +67,14 @@ def losses(
         noise = torch.randn(mean.shape, generator=generator).to(mean.device)
         z_shape = mean + noise * (0.5 * logvar).exp()
     if not weights.shape:  # SE and PD alone: nothing else has a task
-        only = network.codec.loss(network.score_params(z_shape), vectors).mean()
+        only = network.codec.loss(network.score_params(z_shape), vectors, weights.scalars).mean()
         return {"total": weights.param * only, "param": only}
     z_params = network.encode_params(vectors)
 
     from_params = round(len(cells) * weights.decode_from_params)
     z = torch.cat([z_params[:from_params], z_shape[from_params:]])
     # The decoders see the same kind of latent in use: a sample, its mean, and PE's own code.
-    param = [network.codec.loss(network.score_params(z), vectors) for z in (z_params, z_shape)]
+    param = [network.codec.loss(network.score_params(z), vectors, weights.scalars) for z in (z_params, z_shape)]
     terms = {
         "shape": occupancy_loss(network.decode_cells(z), cells).mean(),
         "param": (param[0] + param[1]).mean() / 2,
