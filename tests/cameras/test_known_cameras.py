@@ -390,7 +390,7 @@ def test_true_cameras_to_the_end(tmp_path, masks):
     folder.mkdir()
     true_transforms(folder, masks)
     assert main([str(folder), "--out", str(tmp_path / "out"), "--height", "0.948", "--allow-outside"]) == 0
-    truth, model = read_photoset(SHIPPED), load("paper/chair")
+    truth, model = read_photoset(SHIPPED), load("chair")
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["registered"]["n"] == 28
     assert not (tmp_path / "out" / ".recon" / "poses").exists(), "cameras were given"
