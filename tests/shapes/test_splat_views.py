@@ -175,7 +175,7 @@ def test_what_a_splat_needs_is_named(tmp_path, rng):
 def test_a_splat_with_cameras_to_the_end(room, tmp_path):
     path, _, file, _ = room
     out = tmp_path / "out"
-    assert main([str(path), "--cameras", str(file), "--out", str(out)]) == 0
+    assert main([str(path), "--class", "paper/chair", "--cameras", str(file), "--out", str(out)]) == 0
     report = json.loads((out / "report.json").read_text())
     assert report["mean_iou"] > 0.85
     assert {k: report["params"][k] for k in ("legs", "arms", "back")} == {k: CHAIR[k] for k in ("legs", "arms", "back")}
