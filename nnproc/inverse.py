@@ -201,6 +201,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--steps", type=int, default=defaults.steps)
     parser.add_argument("--batch", type=int, default=defaults.batch)
     parser.add_argument("--rate", type=float, default=defaults.learning_rate, help="peak learning rate")
+    parser.add_argument("--scalars", type=float, default=SCALARS, help="weight of scalars' squared errors")
     parser.add_argument("--seed", type=int, default=defaults.seed)
     parser.add_argument("--layers", choices=tuple(SHAPE_NETS), default=defaults.network.layers)
     parser.add_argument("--hidden", type=int, default=defaults.network.hidden, help="width of PE's and PD's layers")
@@ -215,7 +216,7 @@ def main(argv: list[str] | None = None) -> int:
     if args.threads:
         torch.set_num_threads(args.threads)
     command = f"python -m nnproc.inverse {args.model} --steps {args.steps} --batch {args.batch} --rate {args.rate:g}"
-    command += f" --seed {args.seed} --layers {args.layers} --hidden {args.hidden}"
+    command += f" --scalars {args.scalars:g} --seed {args.seed} --layers {args.layers} --hidden {args.hidden}"
     try:
         model = load(args.model)
         options = InverseOptions(
@@ -223,6 +224,7 @@ def main(argv: list[str] | None = None) -> int:
             batch=args.batch,
             learning_rate=args.rate,
             seed=args.seed,
+            weights=replace(VARIANTS["simple"], scalars=args.scalars),
             network=NetworkConfig(layers=args.layers, hidden=args.hidden),
             start=hashlib.sha256(args.start.read_bytes()).hexdigest()[:16] if args.start else "",
         )

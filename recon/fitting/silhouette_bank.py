@@ -32,7 +32,6 @@ class BankOptions:
 
     shapes: int = 160  # parameter sets
     azimuth_step: float = 15.0  # degrees
-    turned: bool = False  # the first azimuth is another for every shape
     elevations: tuple[float, ...] = (3.0, 16.0, 28.0, 42.0)  # degrees; each shape varies them by up to `jitter`
     jitter: float = 6.0  # degrees
     distances: tuple[float, ...] = (1.6, 2.4, 4.5)  # object sizes, one a shape in turn
@@ -95,8 +94,7 @@ def make_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0)
         params.append(_plain(_spread_sample(model, i, options.shapes, rng)))
         tilt = np.array(options.elevations) + rng.uniform(-options.jitter, options.jitter, len(options.elevations))
         distance = options.distances[i % len(options.distances)]
-        phase = float(rng.uniform(0, options.azimuth_step)) if options.turned else 0.0
-        rows += _ring(model.build(params[i]), tilt, i, distance, options, phase)
+        rows += _ring(model.build(params[i]), tilt, i, distance, options)
     return _bank(params, rows)
 
 
@@ -109,11 +107,9 @@ def shape_bank(model: Model, params: Params, options: BankOptions = BankOptions(
 _Row = tuple[np.ndarray, np.ndarray, tuple[float, ...]]  # bits, box, (shape, azimuth, elevation, distance)
 
 
-def _ring(
-    shape: Shape, tilt: np.ndarray, index: int, distance: float, options: BankOptions, phase: float = 0.0
-) -> list[_Row]:
-    """A shape's views from all azimuths, the first of them at `phase`, at each elevation of `tilt`."""
-    azimuths = np.arange(0, 360, options.azimuth_step) + phase
+def _ring(shape: Shape, tilt: np.ndarray, index: int, distance: float, options: BankOptions) -> list[_Row]:
+    """A shape's views from all azimuths at each elevation of `tilt`."""
+    azimuths = np.arange(0, 360, options.azimuth_step)
     mirrored = _mirrored(shape.vertices())
     ring = azimuths[azimuths <= 180] if mirrored else azimuths
     azimuth, elevation = (a.ravel() for a in np.meshgrid(ring, tilt))

@@ -42,5 +42,7 @@ def test_a_class_is_found_again_from_its_silhouettes(name, number):
     # Where it stands: a bed whose foot is the higher end may be called one that is seen from the other side.
     there = np.linalg.inv(place.world_from_canonical) @ refined.canonical.world_from_canonical
     found = model.build(refined.params).to_trimesh().apply_transform(there)
-    # Outlines that are met to a pixel leave open what lies inside: where a box bed's platform is, below its mattress.
-    assert chamfer(found, model.build(params).to_trimesh(), 4000) < 0.002 or refined.mean_iou > MET
+    if params.get("legs") == "box":  # where a box bed's platform is, below its mattress, no outline tells
+        assert refined.mean_iou > MET
+    else:
+        assert chamfer(found, model.build(params).to_trimesh(), 4000) < 0.002
