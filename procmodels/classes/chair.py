@@ -1,4 +1,4 @@
-"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 38 parameters, of which 15 to 31 do something at a time.
+"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 40 parameters, of which 27 do something at a time.
 
 Lengths are fractions of the chair's height: its back ends at 1. Of the gauges that a normalised shape leaves open this
 one varies least between kinds of chairs (a bar chair is as wide as 0.4 of its height, an easy chair as 0.9; of seat
@@ -41,8 +41,9 @@ TAPERED, BOARDED = when("base").among("four", "fold"), when("base").among("four"
 COLUMN = when("base").among("star", "pedestal")
 BARRED = when("stretchers").not_("none") | when("foot_ring").is_(True)
 BACK, ARMS = when("back").not_("none"), when("arms").not_("none")
+RAILED = when("back").among(*FRAMED)
 GAPPED, TOPPED = when("back").not_("none", "shell"), when("back").among("panel", "shell", *FRAMED)
-BARS, SPLAT = when("back").among("hbars", "vbars"), when("back").is_("splat")
+BARS, FILLED = when("back").among("hbars", "vbars"), when("back").among("hbars", "vbars", "splat", "cross")
 
 OF_SEAT_HEIGHT, OF_DEPTH, OF_WIDTH = of_parameter("seat_height"), of_parameter("depth"), of_parameter("width")
 OF_LESS_HIGH = Unit("of the seat's height or depth, whichever is less")
@@ -87,6 +88,7 @@ _BACK = grouped(
     "back",
     Choice("back", ("none", "panel", "shell", "hbars", *FRAMED), usual=(8, 54, 10, 8, 9, 6, 1, 4)),
     Scalar("back_width", 0.45, 1.0, unit=SHARE, only_if=BACK, usual=(0.93, 0.08), about="of the seat's at the rear"),
+    Scalar("back_flare", -0.3, 0.35, unit=SHARE, only_if=BACK, usual=(0.0, 0.08), about="how much wider its top is"),
     Scalar("back_rake", -2.0, 40.0, unit=DEGREES, only_if=BACK, usual=(10.0, 6.0), about="how far it leans"),
     Scalar("back_bend", -15.0, 20.0, unit=DEGREES, only_if=BACK, usual=(4.0, 6.0), about="how much more at the top"),
     Scalar("back_wrap", 0.0, 0.65, unit=OF_LESS, only_if=BACK, usual=(0.06, 0.1), about="its sides, forwards"),
@@ -95,7 +97,10 @@ _BACK = grouped(
         "back_round", 0.0, 1.0, unit=SHARE, only_if=TOPPED, usual=(0.2, 0.25), about="square corners (0) to hoop (1)"
     ),
     Integer("back_bars", 1, 8, BARS, usual=(1, 2, 3, 3, 2, 2, 1, 1), about="number of bars"),
-    Scalar("bar_width", 0.08, 0.8, unit=SHARE, only_if=BARS | SPLAT, usual=(0.35, 0.15), about="of each bar's room"),
+    Scalar("bar_width", 0.08, 0.8, unit=SHARE, only_if=FILLED, usual=(0.35, 0.15), about="of each bar's room"),
+    Geometric(
+        "back_rail", 0.03, 0.5, unit=SHARE, only_if=RAILED, usual=(0.12, 0.08), about="height of a frame's upper rail"
+    ),
     Geometric("back_thickness", 0.02, 0.35, unit=OF_DEPTH, only_if=BACK, usual=(0.065, 0.05), about="and of its posts"),
     Scalar("back_cushion", 0.0, 0.25, unit=OF_DEPTH, only_if=BACK, usual=(0.0, 0.08), absent=0.8, about="0: none"),
 )
@@ -187,6 +192,8 @@ def _back(p: Any, seat: Seat) -> Back:
         thickness=thickness,
         gap=p.back_gap if p.back != "shell" else 0.0,
         roundness=p.back_round,
+        top_rail=p.back_rail,
+        flare=p.back_flare,
     )
 
 
@@ -196,7 +203,7 @@ _BACKS: dict[str, Callable[[Back, Any], list[Part]]] = {
     "hbars": lambda back, p: backs.hbars(back, p.back_bars, p.bar_width),
     "vbars": lambda back, p: backs.vbars(back, p.back_bars, p.bar_width),
     "splat": lambda back, p: backs.splat(back, p.bar_width),
-    "cross": lambda back, p: backs.cross(back),
+    "cross": lambda back, p: backs.cross(back, p.bar_width),
     "frame": lambda back, p: backs.frame(back),
 }
 

@@ -24,7 +24,7 @@ LEAST = 0.01  # a lower gap is none, in shares of the back's height
 class Back:
     """The surface of a back; lengths in the model's units, angles in degrees.
 
-    width      from side to side, of its rear
+    width      from side to side, of its rear, on the seat; flare: how much wider its upper end is, as a share
     foot       y of the middle of its rear edge on the seat
     floor      the plane of the seat that it stands on
     top        z of its upper end
@@ -33,6 +33,7 @@ class Back:
     thickness  at right angles to the surface
     gap        from the seat to its lower edge, of its height
     roundness  of its upper corners: 0 square, 1 a hoop
+    top_rail   height of a frame's upper rail, of its height above the gap
     """
 
     width: float
@@ -45,6 +46,8 @@ class Back:
     thickness: float
     gap: float
     roundness: float
+    top_rail: float
+    flare: float
 
     @property
     def height(self) -> float:
@@ -62,13 +65,18 @@ class Back:
 
     @cached_property
     def post(self) -> float:
-        """Width of posts and rails, square where there is room, of half the back's width."""
+        """Width of posts, square where there is room, of half the back's width."""
         return min(2 * self.thickness / self.width, 0.35)
 
     @cached_property
     def rail(self) -> float:
-        """The same of the back's height."""
+        """Height of a lower rail, of the back's height."""
         return min(self.thickness / self.height, 0.2 * (1 - self.gap))
+
+    @cached_property
+    def upper(self) -> float:
+        """The same of the upper rail."""
+        return self.top_rail * (1 - self.gap)
 
     @cached_property
     def corner(self) -> tuple[float, float]:
@@ -102,7 +110,7 @@ class Back:
         room = self.width / 2
         sides = self.thickness * sin / (1 + self.thickness * sin / room)
         half = np.maximum(room - sides * (1 - offset / self.thickness), 0.3 * room)
-        x = half * np.sin(self.arc * u) / sin
+        x = half * (1 + self.flare * v) * np.sin(self.arc * u) / sin
         forward = self.wrap * (1 - np.cos(self.arc * u)) / (1 - cos)
         deep = offset * np.cos(self.arc * u)
         y = self.profile(v) - forward + deep * np.hypot(1, self.tangent(v))
@@ -172,7 +180,7 @@ def hbars(back: Back, count: int, fill: float) -> list[Part]:
 def frame(back: Back) -> list[Part]:
     """Posts joined by a rail along the top, in one piece, and a lower rail where there is a gap."""
     radius_u, radius_v = back.corner
-    wide, high = back.post, back.rail
+    wide, high = back.post, back.upper
     turn = np.linspace(0, np.pi / 2, 4)
     sides = []
     for inset_u, inset_v in ((0.0, 0.0), (wide, high)):  # the outer edge, the inner edge
@@ -188,7 +196,7 @@ def frame(back: Back) -> list[Part]:
     parts = [loft("back frame", back.points(u, v, back.thickness * np.array([0.0, 0, 1, 1])))]
     if low := _lower(back):
         across = np.linspace(-1, 1, 9) * (1 - wide / 2)
-        rows = np.array([[low], [low + high]])
+        rows = np.array([[low], [low + back.rail]])
         parts.append(back.sheet("back rail", across, rows, 0.1, 0.9))
     return parts
 
@@ -209,12 +217,12 @@ def splat(back: Back, fill: float) -> list[Part]:
     return [*frame(back), board]
 
 
-def cross(back: Back) -> list[Part]:
-    """A frame with two crossed bars, one before the other."""
+def cross(back: Back, fill: float) -> list[Part]:
+    """A frame with two crossed bars, one before the other; `fill`: twice a bar's share of the room at its ends."""
     inner = 1 - back.post / 2
     low, high = (float(v[0]) for v in _within(back, np.array([inner])))
     share = np.linspace(-1, 1, 8)[:, None]
-    half = 0.8 * min(back.post, 0.2) * np.array([-1, 1])
+    half = fill / 2 * (1 - back.post) / 2 * np.array([-1, 1])
     v = low + (share + 1) / 2 * (high - low) + np.zeros(2)
     reach = inner - half[1]
     return [
@@ -225,9 +233,9 @@ def cross(back: Back) -> list[Part]:
 
 
 def cushion(back: Back, thickness: float, low: float) -> Part:
-    """A domed cushion before the back, from `low` (a share of its height) nearly to its top."""
-    u = 0.9 * np.linspace(-1, 1, 6)
-    v = low + np.linspace(0, 1, 5)[:, None] * (np.minimum(back.end(u), 0.95) - low)
+    """A domed cushion before the back, from `low` (a share of its height) nearly to its top, a frame's rail at least."""
+    u, high = 0.9 * np.linspace(-1, 1, 6), max(0.95, 1 - back.upper / 2)
+    v = low + np.linspace(0, 1, 5)[:, None] * (np.minimum(back.end(u), high) - low)
     swell = np.pad(np.ones((3, 4)), 1, constant_values=0.4)
     return sheet("back cushion", back.points(u, v, -thickness * swell), back.points(u, v, np.zeros((5, 6))))
 
@@ -240,7 +248,7 @@ def _lower(back: Back) -> float:
 def _within(back: Back, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """v of the ends of upright bars at u: within the rails, or on the seat."""
     low = _lower(back)
-    return np.full(len(u), low + back.rail / 2 if low else 0.0), back.end(u) - back.rail / 2
+    return np.full(len(u), low + back.rail / 2 if low else 0.0), back.end(u) - back.upper / 2
 
 
 def _strips(

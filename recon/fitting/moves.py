@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -64,6 +64,24 @@ class Jump:
 
 
 @dataclass(frozen=True)
+class Graft:
+    """One group of parameters as another shape has it: that back on this seat."""
+
+    group: str
+    units: np.ndarray  # of that shape's scalars
+    choices: Params
+
+    def applied(self, problem: Problem, state: State) -> State:
+        names = {p.name for p in problem.model.space.groups[self.group]}
+        units = np.where([s.name in names for s in problem.scalars], self.units, state.units)
+        choices = {name: self.choices[name] if name in names else value for name, value in state.choices.items()}
+        return problem.held(replace(state, units=units, choices=choices))
+
+    def __str__(self) -> str:
+        return f"another {self.group}"
+
+
+@dataclass(frozen=True)
 class Both:
     """One move after the other."""
 
@@ -98,6 +116,14 @@ def jumps(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Ju
     for i in np.flatnonzero(problem.movable(state)):
         for unit in units:
             yield Jump(int(i), unit)
+
+
+def grafts(problem: Problem, donors: Iterable[State]) -> Iterator[Graft]:
+    """Every group of every donor. A model whose parameters are not grouped has none."""
+    groups = problem.model.space.groups
+    for donor in donors if len(groups) > 1 else ():
+        for group in groups:
+            yield Graft(group, donor.units, donor.choices)
 
 
 def combinations(

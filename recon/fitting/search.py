@@ -35,6 +35,8 @@ class Schedule:
     jumps: tuple[float, ...] = ()  # where else in its range a scalar is tried
     far: int = 0  # tries among combinations, when the answer is not good
     combined: int = 256  # combinations of choices that are looked at for it
+    donors: int = 0  # random shapes of which single groups of parameters are tried, beside those of the starts
+    rounds: int = 1  # of such tries, as long as they help
     levels: tuple[int, ...] | None = None  # of the target, on the way; None for all
     steps: tuple[int, int, int] = (3, 2, 8)  # of a start, of a move, of the last polish at each level
     settle: tuple[float, ...] = ()  # sizes of the last steps, by the loss itself (gauss_newton.settled)
@@ -114,9 +116,12 @@ class Search:
             state = best
         return state
 
-    def distant(self, state: State) -> Iterator[Move]:
-        """Combinations of choices, and one choice together with a scalar elsewhere."""
-        yield from moves.combinations(self.problem, self.schedule.combined, np.random.default_rng(0))
+    def distant(self, state: State, starts: list[State]) -> Iterator[Move]:
+        """Parts of other shapes, combinations of choices, and one choice together with a scalar elsewhere."""
+        rng, space = np.random.default_rng(0), self.problem.model.space
+        drawn = (self.problem.state(space.sample(rng), state.place) for _ in range(self.schedule.donors))
+        yield from moves.grafts(self.problem, itertools.chain(starts, drawn))
+        yield from moves.combinations(self.problem, self.schedule.combined, rng)
         for choice in moves.choices(self.problem, state):
             for jump in moves.jumps(self.problem, state, self.schedule.jumps):
                 yield Both(choice, jump)
@@ -135,9 +140,15 @@ class Search:
         for s in begun:
             if loss(best) > self.schedule.good or self.schedule.good <= 0:
                 best = min(best, self.finished(self.improved(s)), key=loss)
-        if self.schedule.far and loss(best) > self.schedule.good:
-            far = self.best_of(best, self.distant(best), self.schedule.far)
-            best = min(best, self.finished(self.improved(far)), key=loss)
+        for _ in range(self.schedule.rounds if self.schedule.far else 0):
+            if loss(best) <= self.schedule.good:
+                break
+            far = self.best_of(best, self.distant(best, starts), self.schedule.far)
+            found = self.finished(self.improved(far))
+            if loss(found) >= loss(best) * (1 - self.schedule.gain):
+                best = min(best, found, key=loss)
+                break
+            best = found
         return best
 
     def neighbours(self, state: State) -> Iterator[Neighbour]:
