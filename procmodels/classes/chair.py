@@ -1,4 +1,4 @@
-"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 40 parameters, of which 27 do something at a time.
+"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 41 parameters, of which 27 do something at a time.
 
 Lengths are fractions of the chair's height: its back ends at 1. Of the gauges that a normalised shape leaves open this
 one varies least between kinds of chairs (a bar chair is as wide as 0.4 of its height, an easy chair as 0.9; of seat
@@ -74,7 +74,8 @@ _BASE = grouped(
     Scalar("splay_side", -3.0, 18.0, unit=DEGREES, only_if=LEGGED, usual=(3.0, 4.0), about="feet out to the sides"),
     Scalar("splay_front", -6.0, 18.0, unit=DEGREES, only_if=LEGGED, usual=(2.0, 4.0), about="front feet forwards"),
     Scalar("splay_rear", -6.0, 25.0, unit=DEGREES, only_if=LEGGED, usual=(7.0, 6.0), about="rear feet backwards"),
-    Scalar("leg_inset", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="from the corners to the middle"),
+    Scalar("inset_side", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="legs from the sides inwards"),
+    Scalar("inset_front", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="from front and rear inwards"),
     Scalar("apron", 0.0, 0.9, unit=OF_BELOW, only_if=BOARDED, usual=(0.0, 0.15), absent=0.65, about=APRON),
     Choice("stretchers", ("none", "sides", "H", "box"), FOUR, usual=(55, 12, 15, 18), about="bars between the legs"),
     Flag("foot_ring", COLUMN, usual=0.1, about="a ring round the column for the feet"),
@@ -157,12 +158,14 @@ def _base(p: Any, seat: Seat) -> list[Part]:
         if p.base == "star":
             return legs.star(p.base_radius, p.base_arms, p.castors, size, under, ring)
         return legs.pedestal(p.base_radius, size, under, ring)
-    inset = p.leg_inset if p.base == "four" else 0.0
+    insets = (p.inset_side, p.inset_front) if p.base == "four" else (0.0, 0.0)
     taper = p.leg_taper if p.base in ("four", "fold") else 1.0
 
     def leg(y: float, lean: float) -> Leg:
         """Below the seat's corner at y, or nearer to the middle; its foot leans so many degrees away from it."""
-        x, y_in = (size / 2 + (room - size) * (1 - inset) for room in (seat.corner_width(y), abs(y)))
+        y_in = size / 2 + (abs(y) - size) * (1 - insets[1])
+        room = min(seat.corner_width(y), seat.corner_width(math.copysign(y_in, y)))  # the seat may widen away from it
+        x = size / 2 + (room - size) * (1 - insets[0])
         slopes = (math.tan(math.radians(p.splay_side)), math.tan(math.radians(lean)))
         return Leg.under(under, (x, math.copysign(y_in, y)), slopes, size, taper)
 

@@ -17,6 +17,8 @@ from procmodels.shape import Part
 
 ROWS = 5
 MIDDLE = np.array([-2, -1, 0, 1, 2]) / 3  # columns between the corners
+# The same of a frame, to its middle, and its rows: thin bars would hang free beside a coarse arc or bend.
+ACROSS, UP = np.arange(-5, 1) / 6, np.linspace(0, 1, 9)
 LEAST = 0.01  # a lower gap is none, in shares of the back's height
 
 
@@ -166,7 +168,7 @@ def shell(back: Back, depth: float) -> list[Part]:
 
 def hbars(back: Back, count: int, fill: float) -> list[Part]:
     """Bars from side to side between two posts; `fill`: the share of its room that a bar takes."""
-    u, v = np.array([1 - back.post, 1]), np.linspace(0, 1, ROWS)[:, None]
+    u, v = np.array([1 - back.post, 1]), UP[:, None]
     parts = [back.sheet(f"back post {side}", np.sort(sign * u), v) for side, sign in (("left", 1), ("right", -1))]
     pitch = (1 - back.gap) / count
     across = np.linspace(-1, 1, 9) * (1 - back.post / 2)
@@ -187,8 +189,8 @@ def frame(back: Back) -> list[Part]:
         most_u, most_v = max(radius_u, inset_u * 1.02), max(radius_v, inset_v * 1.02)
         u = -1 + most_u - (most_u - inset_u) * np.cos(turn)
         v = 1 - most_v + (most_v - inset_v) * np.sin(turn)
-        u = np.concatenate([np.full(3, inset_u - 1), u, (1 - most_u) * MIDDLE[:3]])
-        v = np.concatenate([np.arange(3) / 3 * (1 - most_v), v, np.full(3, 1 - inset_v)])
+        u = np.concatenate([np.full(len(UP) - 1, inset_u - 1), u, (1 - most_u) * ACROSS])
+        v = np.concatenate([UP[:-1] * (1 - most_v), v, np.full(len(ACROSS), 1 - inset_v)])
         # The other half mirrors all but the middle.
         sides.append((np.concatenate([u, -u[-2::-1]]), np.concatenate([v, v[-2::-1]])))
     (u0, v0), (u1, v1) = sides
