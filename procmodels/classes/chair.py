@@ -1,4 +1,4 @@
-"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 41 parameters, of which 27 do something at a time.
+"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 42 parameters, of which 27 do something at a time.
 
 Lengths are fractions of the chair's height: its back ends at 1. Of the gauges that a normalised shape leaves open this
 one varies least between kinds of chairs (a bar chair is as wide as 0.4 of its height, an easy chair as 0.9; of seat
@@ -38,7 +38,7 @@ FRAMED = ("vbars", "splat", "cross", "frame")
 # When parameters do something.
 FOUR, LEGGED = when("base").is_("four"), when("base").among("four", "sled", "fold")
 TAPERED, BOARDED = when("base").among("four", "fold"), when("base").among("four", "panel")
-COLUMN = when("base").among("star", "pedestal")
+STAR, COLUMN = when("base").is_("star"), when("base").among("star", "pedestal")
 BARRED = when("stretchers").not_("none") | when("foot_ring").is_(True)
 BACK, ARMS = when("back").not_("none"), when("arms").not_("none")
 RAILED = when("back").among(*FRAMED)
@@ -48,6 +48,7 @@ BARS, FILLED = when("back").among("hbars", "vbars"), when("back").among("hbars",
 OF_SEAT_HEIGHT, OF_DEPTH, OF_WIDTH = of_parameter("seat_height"), of_parameter("depth"), of_parameter("width")
 OF_LESS_HIGH = Unit("of the seat's height or depth, whichever is less")
 OF_LESS = Unit("of the seat before it or its width, whichever is less")
+OF_SECTOR = Unit("of the angle between two arms")
 OF_BELOW, OF_BACK = Unit("of the height below the seat"), Unit("of the back's height")
 APRON = "boards under the seat; 0: none"
 
@@ -82,8 +83,11 @@ _BASE = grouped(
     Scalar("stretcher_height", 0.08, 0.8, unit=OF_BELOW, only_if=BARRED, usual=(0.35, 0.15), about="or of the ring"),
     Flag("rear_posts", when("base").is_("sled"), usual=0.5, about="without them the seat hangs from the front"),
     Scalar("base_radius", 0.16, 0.42, only_if=COLUMN, usual=(0.3, 0.05), about="of the star or disc on the floor"),
-    Integer("base_arms", 3, 6, when("base").is_("star"), usual=(2, 12, 80, 1), about="of the star"),
-    Flag("castors", when("base").is_("star"), usual=0.85, about="wheels under the star"),
+    Integer("base_arms", 3, 6, STAR, usual=(2, 12, 80, 1), about="of the star"),
+    Scalar(
+        "base_turn", -0.5, 0.5, unit=OF_SECTOR, only_if=STAR, usual=(0.0, 0.25), about="of the star; 0: one to the rear"
+    ),
+    Flag("castors", STAR, usual=0.85, about="wheels under the star"),
 )
 _BACK = grouped(
     "back",
@@ -156,7 +160,7 @@ def _base(p: Any, seat: Seat) -> list[Part]:
     if p.base in ("star", "pedestal"):
         ring = p.stretcher_height if p.foot_ring else None
         if p.base == "star":
-            return legs.star(p.base_radius, p.base_arms, p.castors, size, under, ring)
+            return legs.star(p.base_radius, p.base_arms, p.base_turn, p.castors, size, under, ring)
         return legs.pedestal(p.base_radius, size, under, ring)
     insets = (p.inset_side, p.inset_front) if p.base == "four" else (0.0, 0.0)
     taper = p.leg_taper if p.base in ("four", "fold") else 1.0

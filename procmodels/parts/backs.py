@@ -235,7 +235,7 @@ def cross(back: Back, fill: float) -> list[Part]:
 
 
 def cushion(back: Back, thickness: float, low: float) -> Part:
-    """A domed cushion before the back, from `low` (a share of its height) nearly to its top, a frame's rail at least."""
+    """A domed cushion before the back, from `low` (a share of its height) to its top, or a frame's rail."""
     u, high = 0.9 * np.linspace(-1, 1, 6), max(0.95, 1 - back.upper / 2)
     v = low + np.linspace(0, 1, 5)[:, None] * (np.minimum(back.end(u), high) - low)
     swell = np.pad(np.ones((3, 4)), 1, constant_values=0.4)
