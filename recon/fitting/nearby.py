@@ -12,7 +12,7 @@ from procmodels.shape import Shape
 from procmodels.space import Params
 
 STEP = 2e-3  # of a scalar's range: what its finite difference is taken over
-CLOSE = 0.04  # of a scalar's range: so far on vertices move nearly as here
+CLOSE = 0.08  # of a scalar's range: so far on vertices move nearly as here
 
 
 @dataclass(frozen=True)
