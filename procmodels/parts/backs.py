@@ -19,6 +19,7 @@ ROWS = 5
 MIDDLE = np.array([-2, -1, 0, 1, 2]) / 3  # columns between the corners
 # The same of a frame, to its middle, and its rows: thin bars would hang free beside a coarse arc or bend.
 ACROSS, UP = np.arange(-5, 1) / 6, np.linspace(0, 1, 9)
+TURN = np.cos(np.linspace(0, np.pi / 2, 4)), np.sin(np.linspace(0, np.pi / 2, 4))  # a quarter of a circle
 LEAST = 0.01  # a lower gap is none, in shares of the back's height
 
 
@@ -92,18 +93,23 @@ class Back:
         beyond = np.clip((np.abs(u) - 1 + radius_u) / radius_u, 0, 1)
         return 1 - radius_v * (1 - np.sqrt(1 - beyond * beyond))
 
-    def tangent(self, v: np.ndarray) -> np.ndarray:
-        """How far the surface goes backwards for every unit of height, at v."""
-        return np.tan(np.radians(self.rake + self.bend * np.maximum(2 * v - 1, 0)))
+    @cached_property
+    def lean(self) -> float:
+        """How far the lower half goes backwards for every unit of height."""
+        return math.tan(math.radians(self.rake))
 
-    def profile(self, v: np.ndarray) -> np.ndarray:
-        """y of the middle of the front face at v."""
-        # The bend is small: half way between its ends the slope is the mean of theirs.
-        rake = math.tan(math.radians(self.rake))
+    @cached_property
+    def front(self) -> float:
+        """y of the middle of the front face on the seat."""
+        return self.foot - self.thickness * math.hypot(1, self.lean)
+
+    def profile(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """y of the middle of the front face at v, and how far it goes backwards there for every unit of height."""
         upper = np.maximum(v - 0.5, 0)
-        rise = rake * np.minimum(v, 0.5) + upper * (rake + self.tangent(v)) / 2
-        start = self.foot - self.thickness * math.hypot(1, rake)
-        return start + self.height * rise
+        slope = np.tan((self.rake + 2 * self.bend * upper) * (math.pi / 180))
+        # The bend is small: half way between its ends the slope is the mean of theirs.
+        rise = self.lean * (v - upper) + upper * (self.lean + slope) / 2
+        return self.front + self.height * rise, slope
 
     def points(self, u: np.ndarray, v: np.ndarray, offset: np.ndarray | float) -> np.ndarray:
         """(..., 3) of places on the surface or off it."""
@@ -112,14 +118,17 @@ class Back:
         room = self.width / 2
         sides = self.thickness * sin / (1 + self.thickness * sin / room)
         half = np.maximum(room - sides * (1 - offset / self.thickness), 0.3 * room)
-        x = half * (1 + self.flare * v) * np.sin(self.arc * u) / sin
-        forward = self.wrap * (1 - np.cos(self.arc * u)) / (1 - cos)
-        deep = offset * np.cos(self.arc * u)
-        y = self.profile(v) - forward + deep * np.hypot(1, self.tangent(v))
+        along, (front, slope) = self.arc * u, self.profile(v)
+        across = np.cos(along)
+        forward, deep = self.wrap / (1 - cos) * (1 - across), offset * across
         # The lower end follows the seat.
-        start = self.profile(np.zeros(())) - forward + deep * math.hypot(1, math.tan(math.radians(self.rake)))
+        start = self.front - forward + deep * math.hypot(1, self.lean)
         low = self.floor.z + self.floor.slope * start
-        return np.stack(np.broadcast_arrays(x, y, low + (self.top - low) * v), -1)
+        x = half * (1 + self.flare * v) * np.sin(along) / sin
+        y = front - forward + deep * np.sqrt(1 + slope * slope)
+        out = np.empty((*np.broadcast_shapes(x.shape, y.shape), 3))
+        out[..., 0], out[..., 1], out[..., 2] = x, y, low + (self.top - low) * v
+        return out
 
     @cached_property
     def side(self) -> float:
@@ -183,12 +192,11 @@ def frame(back: Back) -> list[Part]:
     """Posts joined by a rail along the top, in one piece, and a lower rail where there is a gap."""
     radius_u, radius_v = back.corner
     wide, high = back.post, back.upper
-    turn = np.linspace(0, np.pi / 2, 4)
     sides = []
     for inset_u, inset_v in ((0.0, 0.0), (wide, high)):  # the outer edge, the inner edge
         most_u, most_v = max(radius_u, inset_u * 1.02), max(radius_v, inset_v * 1.02)
-        u = -1 + most_u - (most_u - inset_u) * np.cos(turn)
-        v = 1 - most_v + (most_v - inset_v) * np.sin(turn)
+        u = -1 + most_u - (most_u - inset_u) * TURN[0]
+        v = 1 - most_v + (most_v - inset_v) * TURN[1]
         u = np.concatenate([np.full(len(UP) - 1, inset_u - 1), u, (1 - most_u) * ACROSS])
         v = np.concatenate([UP[:-1] * (1 - most_v), v, np.full(len(ACROSS), 1 - inset_v)])
         # The other half mirrors all but the middle.
