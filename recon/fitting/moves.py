@@ -119,10 +119,9 @@ def jumps(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Ju
 
 
 def grafts(problem: Problem, donors: Iterable[State]) -> Iterator[Graft]:
-    """Every group of every donor. A model whose parameters are not grouped has none."""
-    groups = problem.model.space.groups
-    for donor in donors if len(groups) > 1 else ():
-        for group in groups:
+    """Every group of every donor."""
+    for donor in donors:
+        for group in problem.model.space.groups:
             yield Graft(group, donor.units, donor.choices)
 
 

@@ -44,10 +44,6 @@ class RefineOptions:
     sweeps: int = 3  # rounds over the discrete parameters and fronts
     tries: int = 4  # the most promising changes of a round that are polished
     far: int = 8  # combinations of choices that are polished, when the answer is not good
-    combined: int = 256
-    donors: int = 0
-    rounds: int = 1
-    kept: int = 1
     good: float = 0.005  # 1 - mean IoU of an answer that needs no other choices
     steps: tuple[int, int, int] = (5, 3, 10)  # Gauss-Newton steps a level: of a candidate, of a change, of the answer
 
@@ -57,10 +53,7 @@ class RefineOptions:
         return Schedule(
             starts=self.candidates,
             each=self.each,
-            kept=self.kept,
-            combined=self.combined,
-            donors=self.donors,
-            rounds=self.rounds,
+            kept=1,
             sweeps=self.sweeps,
             tries=self.tries,
             far=self.far,

@@ -34,9 +34,7 @@ class Schedule:
     fronts: bool = True  # other fronts are among the moves
     jumps: tuple[float, ...] = ()  # where else in its range a scalar is tried
     far: int = 0  # tries among combinations, when the answer is not good
-    combined: int = 256  # combinations of choices that are looked at for it
-    donors: int = 0  # random shapes of which single groups of parameters are tried, beside those of the starts
-    rounds: int = 1  # of such tries, as long as they help
+    combined: int = 256  # combinations of choices that are looked at for it, where parameters are not grouped
     levels: tuple[int, ...] | None = None  # of the target, on the way; None for all
     steps: tuple[int, int, int] = (3, 2, 8)  # of a start, of a move, of the last polish at each level
     settle: tuple[float, ...] = ()  # sizes of the last steps, by the loss itself (gauss_newton.settled)
@@ -117,11 +115,12 @@ class Search:
         return state
 
     def distant(self, state: State, starts: list[State]) -> Iterator[Move]:
-        """Parts of other shapes, combinations of choices, and one choice together with a scalar elsewhere."""
-        rng, space = np.random.default_rng(0), self.problem.model.space
-        drawn = (self.problem.state(space.sample(rng), state.place) for _ in range(self.schedule.donors))
-        yield from moves.grafts(self.problem, itertools.chain(starts, drawn))
-        yield from moves.combinations(self.problem, self.schedule.combined, rng)
+        """Single groups of parameters as other starts have them, or combinations of choices; and one choice together
+        with a scalar elsewhere."""
+        if len(self.problem.model.space.groups) > 1:
+            yield from moves.grafts(self.problem, starts)
+        else:
+            yield from moves.combinations(self.problem, self.schedule.combined, np.random.default_rng(0))
         for choice in moves.choices(self.problem, state):
             for jump in moves.jumps(self.problem, state, self.schedule.jumps):
                 yield Both(choice, jump)
@@ -140,15 +139,9 @@ class Search:
         for s in begun:
             if loss(best) > self.schedule.good or self.schedule.good <= 0:
                 best = min(best, self.finished(self.improved(s)), key=loss)
-        for _ in range(self.schedule.rounds if self.schedule.far else 0):
-            if loss(best) <= self.schedule.good:
-                break
+        if self.schedule.far and loss(best) > self.schedule.good:
             far = self.best_of(best, self.distant(best, starts), self.schedule.far)
-            found = self.finished(self.improved(far))
-            if loss(found) >= loss(best) * (1 - self.schedule.gain):
-                best = min(best, found, key=loss)
-                break
-            best = found
+            best = min(best, self.finished(self.improved(far)), key=loss)
         return best
 
     def neighbours(self, state: State) -> Iterator[Neighbour]:

@@ -94,7 +94,7 @@ def make_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0)
         params.append(_plain(_spread_sample(model, i, options.shapes, rng)))
         tilt = np.array(options.elevations) + rng.uniform(-options.jitter, options.jitter, len(options.elevations))
         distance = options.distances[i % len(options.distances)]
-        rows += _ring(model.build(params[i]), tilt, i, distance, options)
+        rows += _ring(model.build(params[i]), tilt, i, distance, options, rng.uniform(0, options.azimuth_step))
     return _bank(params, rows)
 
 
@@ -107,9 +107,11 @@ def shape_bank(model: Model, params: Params, options: BankOptions = BankOptions(
 _Row = tuple[np.ndarray, np.ndarray, tuple[float, ...]]  # bits, box, (shape, azimuth, elevation, distance)
 
 
-def _ring(shape: Shape, tilt: np.ndarray, index: int, distance: float, options: BankOptions) -> list[_Row]:
-    """A shape's views from all azimuths at each elevation of `tilt`."""
-    azimuths = np.arange(0, 360, options.azimuth_step)
+def _ring(
+    shape: Shape, tilt: np.ndarray, index: int, distance: float, options: BankOptions, first: float = 0.0
+) -> list[_Row]:
+    """A shape's views from all azimuths, the first of them given, at each elevation of `tilt`."""
+    azimuths = np.arange(first, 360, options.azimuth_step)
     mirrored = _mirrored(shape.vertices())
     ring = azimuths[azimuths <= 180] if mirrored else azimuths
     azimuth, elevation = (a.ravel() for a in np.meshgrid(ring, tilt))
