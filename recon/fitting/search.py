@@ -102,7 +102,8 @@ class Search:
 
     def best_of(self, state: State, tried: Iterable[Move], tries: int) -> State:
         """The best of the most promising moves, polished; the state itself if there are none."""
-        others = self.ranked(m.applied(self.problem, state) for m in tried)[:tries]
+        changed = {s.key: s for s in (m.applied(self.problem, state) for m in tried) if s.key != state.key}
+        others = self.ranked(changed.values())[:tries]
         return min((self.step(s, self.schedule.steps[1]) for s in others), key=self.cost, default=state)
 
     def improved(self, state: State) -> State:
