@@ -55,7 +55,9 @@ def _problem(model: Model) -> tuple[Problem, State]:
     cameras, place = orbit(VIEWS)
     crops = object_crops(drawn_scene(model.build(true), cameras, place), SIDE, VIEWS)
     problem = Problem(model, Masks.of(crops, [Level(1)]), Similarity(crops.cameras))
-    return problem, problem.state({**true, **{s.name: other[s.name] for s in problem.scalars}}, place.world_from_canonical)
+    return problem, problem.state(
+        {**true, **{s.name: other[s.name] for s in problem.scalars}}, place.world_from_canonical
+    )
 
 
 PARTS = (jacobians,)
