@@ -104,6 +104,22 @@ def choices(problem: Problem, state: State) -> Iterator[Choose]:
                 yield Choose(((p.name, value),))
 
 
+def woken(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Move]:
+    """Every change of one choice that lets others do something which did nothing, with one of these elsewhere: a
+    stretcher at the wrong height looks worse than none, as do five bars where there are six."""
+    before, moving = problem.active(state), problem.movable(state)
+    for choice in choices(problem, state) if units else ():
+        after = choice.applied(problem, state)
+        fresh = problem.active(after) - before
+        for p in problem.model.space.discrete:
+            for i in range(p.grid_steps if p.name in fresh else 0):
+                if (value := p.grid_value(i)) != after.choices[p.name]:
+                    yield Choose((*choice.values, (p.name, value)))
+        for i in np.flatnonzero(problem.movable(after) & ~moving):
+            for unit in units:
+                yield Both(choice, Jump(int(i), unit))
+
+
 def fronts(problem: Problem, state: State) -> Iterator[Face]:
     """Every other front."""
     count = problem.placement.fronts

@@ -33,6 +33,7 @@ class Schedule:
     gain: float = 1e-3  # share of the loss that a round must win
     fronts: bool = True  # other fronts are among the moves
     jumps: tuple[float, ...] = ()  # where else in its range a scalar is tried
+    woken: tuple[float, ...] = (0.2, 0.5, 0.8)  # where one is tried that a choice lets do something
     far: int = 0  # tries among combinations, when the answer is not good
     combined: int = 256  # combinations of choices that are looked at for it, where parameters are not grouped
     levels: tuple[int, ...] | None = None  # of the target, on the way; None for all
@@ -96,6 +97,7 @@ class Search:
     def moves(self, state: State) -> Iterator[Move]:
         """What is tried in a round."""
         yield from moves.choices(self.problem, state)
+        yield from moves.woken(self.problem, state, self.schedule.woken)
         if self.schedule.fronts:
             yield from moves.fronts(self.problem, state)
         yield from moves.jumps(self.problem, state, self.schedule.jumps)
@@ -116,12 +118,12 @@ class Search:
         return state
 
     def distant(self, state: State, starts: list[State]) -> Iterator[Move]:
-        """Single groups of parameters as other starts have them, or combinations of choices; and one choice together
-        with a scalar elsewhere."""
+        """Single groups of parameters as other starts have them; where parameters are not grouped, combinations of
+        choices, and one choice together with a scalar elsewhere."""
         if len(self.problem.model.space.groups) > 1:
             yield from moves.grafts(self.problem, starts)
-        else:
-            yield from moves.combinations(self.problem, self.schedule.combined, np.random.default_rng(0))
+            return
+        yield from moves.combinations(self.problem, self.schedule.combined, np.random.default_rng(0))
         for choice in moves.choices(self.problem, state):
             for jump in moves.jumps(self.problem, state, self.schedule.jumps):
                 yield Both(choice, jump)
