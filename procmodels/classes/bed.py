@@ -1,4 +1,4 @@
-"""Beds with frames, boxes and upholstered heads, daybeds, loft beds, bunks: 28 parameters, of which 10 to 24 do
+"""Beds with frames, boxes and upholstered heads, daybeds, loft beds, bunks: 27 parameters, of which 7 to 23 do
 something at a time.
 
 Lengths are fractions of the bed's length, from the outside of its head to the outside of its foot: people are much of
@@ -21,7 +21,7 @@ from typing import Any
 from procmodels.conditions import when
 from procmodels.parameters import grouped
 from procmodels.parts import bedding, bedsteads, bunks, heads
-from procmodels.parts.bedding import Mattress
+from procmodels.parts.bedding import Clothes, Mattress
 from procmodels.parts.bedsteads import HAIR, Deck
 from procmodels.parts.heads import Head
 from procmodels.parts.primitives import mirrored
@@ -33,6 +33,7 @@ UNIT, ABOVE = Unit("of length", MODEL), Unit("of length, above the deck", MODEL)
 OF_DECK, OF_WIDTH = of_parameter("deck"), of_parameter("width")
 OF_HEAD, OF_BELOW = Unit("of the head's height"), Unit("of the height below the mattress's top")
 
+HOLDING = 0.02  # a foot that is lower does not hold the bedclothes
 LEAST = 0.004  # what is thinner or lower is not there
 THICKEST = 0.09  # legs
 LOWEST, TALLEST = 0.05, 0.62  # head above the deck
@@ -44,7 +45,7 @@ LEGS, INSET = when("base").is_("posts") | HIGH, when("base").among("posts", "rec
 HEAD, BARRED = when("head").not_("none"), when("head").among("vbars", "hbars")
 FREE = HEAD & LOW  # a head that stands free, not between the posts of a bunk
 SIDE, SOFT = when("sides").not_("none"), when("mattress").above(LEAST)
-CLOTHES = SOFT & when("sides").is_("none")
+MADE, CLOTHES = SOFT & when("sides").is_("none"), when("bedclothes").above(LEAST)
 
 _FRAME = grouped(
     "frame",
@@ -89,9 +90,8 @@ _BEDDING = grouped(
     Scalar("mattress", 0.0, 0.2, unit=UNIT, usual=(0.09, 0.03), about="thickness above the deck; 0: none"),
     Scalar("mattress_inset", -0.02, 0.05, unit=UNIT, only_if=SOFT, usual=(0.006, 0.01), about="from the frame's sides"),
     Integer("pillows", 0, 4, SOFT, usual=(30, 22, 34, 4, 10), about="a second row from the third on"),
-    Scalar(
-        "bedclothes", 0.0, 1.0, unit=OF_BELOW, only_if=CLOTHES, usual=(0.35, 0.2), absent=0.4, about="hang; 0: none"
-    ),
+    Scalar("bedclothes", 0.0, 1.0, unit=OF_BELOW, only_if=MADE, usual=(0.35, 0.2), absent=0.4, about="hang; 0: none"),
+    Scalar("bedclothes_spread", 0.0, 0.12, unit=UNIT, only_if=CLOTHES, usual=(0.02, 0.015), about="out from the sides"),
 )
 _UPPER = grouped(
     "upper deck",
@@ -188,8 +188,10 @@ def _bedding(p: Any, deck: Deck, room: tuple[float, float], name: str = "") -> l
     mattress = Mattress(room[0] + p.mattress_inset, room[1] - p.mattress_inset, *ends)
     parts = [mattress.part(f"{name}mattress"), *bedding.pillows(p.pillows, mattress, f"{name}pillow")]
     if p.storeys == "low" and p.sides == "none" and p.bedclothes > LEAST:
-        free = bedding.before_pillows(p.pillows, mattress)
-        parts.append(bedding.bedclothes(mattress, free, deck.half, deck.top, p.bedclothes, "foot" in deck.ends))
+        height = 0.0 if "foot" in deck.ends else p.foot_height
+        foot = (-0.5, deck.top + height) if height < min(HOLDING, 0.5 * p.mattress) else None
+        free, side = bedding.before_pillows(p.pillows, mattress), (deck.half, deck.top)
+        parts.append(Clothes(free, p.bedclothes, p.bedclothes_spread, side, foot).part(mattress))
     return parts
 
 

@@ -13,7 +13,6 @@ from procmodels.shape import Part
 PILLOW = (0.36, 0.19, 0.06)  # width, depth and thickness, where there is room
 CLOTH = 0.012  # thickness of bedclothes
 CLEAR = 0.004  # between them and the frame that they hang over
-FLARE = 0.012  # how far their lower edge stands out
 SHOULDER = 0.02  # width of the turn at their upper edges
 OFF_FLOOR = 0.006
 
@@ -66,48 +65,49 @@ def _rows(count: int) -> list[int]:
     return [n for n in (min(count, 2), count - 2) if n > 0]
 
 
-def bedclothes(mattress: Mattress, rear: float, outside: float, deck: float, hang: float, over_foot: bool) -> Part:
-    """A cover over the mattress up to y = rear, which hangs down its sides.
+@dataclass(frozen=True)
+class Clothes:
+    """A cover over a mattress up to y = rear, which hangs down over the edges of its frame.
 
-    outside    half the width of the frame that it hangs over below z = deck
-    hang       how far, of the height of the mattress's top
-    over_foot  it hangs over the foot as well; else it ends there
+    hang    how far, of the height of the mattress's top
+    spread  how far its lower edge stands out
+    side    x of the frame's side, and its height there; foot: y of the frame's foot and its height, None where a
+            higher one holds the cover within
     """
-    end = (1 - hang) * mattress.top + hang * OFF_FLOOR
-    half = mattress.width / 2
-    across, drop = _profile(half, outside - half, mattress.top, deck, end)
-    middle = np.zeros((2, 1))
-    rise = np.array([[mattress.top], [mattress.top + CLOTH]])
-    x = np.concatenate([-across, middle, across[:, ::-1]], 1)
-    z = np.concatenate([drop, rise, drop[:, ::-1]], 1)
-    if over_foot:
-        out, fall = _profile(0.0, 0.0, mattress.top, deck, end)
-        y = np.concatenate([mattress.front - out, np.full((2, 1), rear)], 1)
-        down = np.concatenate([fall, rise], 1)
-    else:
-        y = np.array([[mattress.front, rear]] * 2)
-        down = np.concatenate([rise, rise], 1)
-    sheets = [
-        np.stack(np.broadcast_arrays(x[i], y[i][:, None], np.minimum(z[i], down[i][:, None])), -1) for i in (1, 0)
-    ]
-    return sheet("bedclothes", *sheets)
 
+    rear: float
+    hang: float
+    spread: float
+    side: tuple[float, float]
+    foot: tuple[float, float] | None
 
-def _profile(half: float, wider: float, top: float, deck: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of what hangs over an edge, from its lower end to the top: places outwards and heights, each (2, 4): of the inner
-    face and of the outer one.
+    def part(self, mattress: Mattress) -> Part:
+        """The cover."""
+        half, rise = mattress.width / 2, np.array([[mattress.top], [mattress.top + CLOTH]])
+        across, drop = self._profile(mattress.top, self.side[0] - half, self.side[1])
+        x = np.concatenate([-half - across, np.zeros((2, 1)), half + across[:, ::-1]], 1)
+        z = np.concatenate([drop, rise, drop[:, ::-1]], 1)
+        if self.foot:
+            out, fall = self._profile(mattress.top, mattress.front - self.foot[0], self.foot[1])
+            y = np.concatenate([mattress.front - out, np.full((2, 1), self.rear)], 1)
+            down = np.concatenate([fall, rise], 1)
+        else:
+            y, down = np.array([[mattress.front, self.rear]] * 2), np.concatenate([rise, rise], 1)
+        faces = [
+            np.stack(np.broadcast_arrays(x[i], y[i][:, None], np.minimum(z[i], down[i][:, None])), -1) for i in (1, 0)
+        ]
+        return sheet("bedclothes", *faces)
 
-    half  from the middle to the mattress's edge; wider: how much farther out the frame below z = deck reaches
-    """
-    out = max(wider, 0.0) + CLEAR
-    below = end < deck
-    bend = deck if below else (top + end) / 2
+    def _profile(self, top: float, wider: float, frame: float) -> tuple[np.ndarray, np.ndarray]:
+        """Of what hangs over an edge, from its lower end to the top: places outwards from the mattress and heights,
+        each (2, 4): of the inner face and of the outer one.
 
-    def at(z: float) -> float:
-        """How far out the cloth hangs at z."""
-        return out * min(1.0, (top - z) / (top - deck))
-
-    flare = FLARE * (top - end) / top
-    inner = np.array([at(end) + flare, at(bend) + 0.3 * flare, 0.0, -SHOULDER])
-    heights = np.array([[end, bend, top, top], [end, bend, top, top + CLOTH]])
-    return half + np.stack([inner, inner + np.array([CLOTH, CLOTH, CLOTH, 0.0])]), heights
+        wider  how much farther out the frame below z = frame reaches
+        """
+        end = (1 - self.hang) * top + self.hang * OFF_FLOOR
+        bend = frame if end < frame else (top + end) / 2
+        out = (max(wider, 0.0) + CLEAR) * (top - np.array([end, bend])) / (top - frame)
+        out = np.minimum(out, max(wider, 0.0) + CLEAR) + self.spread * (top - np.array([end, bend])) / top
+        inner = np.array([*out, 0.0, -SHOULDER])
+        heights = np.array([[end, bend, top, top], [end, bend, top, top + CLOTH]])
+        return np.stack([inner, inner + np.array([CLOTH, CLOTH, CLOTH, 0.0])]), heights
