@@ -76,7 +76,7 @@ class Head:
     def edge(self, x: np.ndarray) -> np.ndarray:
         """z of the upper edge at x."""
         beyond = np.clip(np.abs(x) - self.half + self.radius, 0, self.radius)
-        corner = self.radius - np.sqrt(self.radius**2 - beyond * beyond)
+        corner = self.radius - np.sqrt(np.maximum(self.radius**2 - beyond * beyond, 0))
         return self.top - self.arch * self.height * (x / self.half) ** 2 - corner
 
     def reach(self, z: np.ndarray) -> np.ndarray:
