@@ -147,7 +147,7 @@ def _low(p: Any) -> list[Part]:
             **_outline(p, p.leg_thickness),
         )
         parts += heads.build(p.head, name, end, p.bars, p.bar_width)
-    deck = Deck(p.width / 2, *inner, rail, p.deck, tuple(bare))
+    deck = Deck(p.width / 2, inner[0], inner[1], rail, p.deck, tuple(bare))
     side, room = _side(p, deck)
     return [*parts, *deck.parts(), *_BASES[p.base](deck, p), *side, *_bedding(p, deck, room)]
 
@@ -160,7 +160,7 @@ _BASES: dict[str, Callable[[Deck, Any], list[Part]]] = {
 }
 
 
-def _outline(p: Any, post: float) -> dict[str, float]:
+def _outline(p: Any, post: float) -> dict[str, Any]:
     """What head, foot and side have in common."""
     return {"arch": p.head_arch, "roundness": p.head_round, "post": post}
 
@@ -212,8 +212,8 @@ def _high(p: Any) -> list[Part]:
         low = top - rail
         parts += Deck(half, thick - 0.5, 0.5 - thick, low, top).parts(name)
         for end, away in (("foot", -1), ("head", 1)):
-            place = (away * (0.5 - thick), away, thick, low, low, top, top + height)
-            board = Head(width, *place, **_outline(p, 0.5 * size))
+            inner, outline = away * (0.5 - thick), _outline(p, 0.5 * size)
+            board = Head(width, inner, away, thick, low, low, top, top + height, **outline)
             parts += heads.build(kind, f"{name}{end}", board, bars, p.bar_width)
         room = half - (bunks.BAR if name else 0.0)
         parts += _bedding(p, Deck(half, size - 0.5, 0.5 - size, low, top), (-room, room), name)

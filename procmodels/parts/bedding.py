@@ -41,7 +41,8 @@ def pillows(count: int, mattress: Mattress, name: str = "pillow") -> list[Part]:
     """Pillows on the mattress at its rear end: one, two side by side, further ones in a second row."""
     width, depth, thickness = PILLOW
     depth = min(depth, 0.3 * (mattress.rear - mattress.front))
-    parts, y = [], mattress.rear - 0.01
+    parts: list[Part] = []
+    y = mattress.rear - 0.01
     for row in _rows(count):
         room = mattress.width / row
         # One alone may be a bolster.

@@ -91,8 +91,8 @@ class Head:
 
     def sheet(self, name: str, x: np.ndarray, z: np.ndarray, near: float, far: float) -> Part:
         """A body over a grid of places between two offsets, in thicknesses."""
-        faces = [self.points(x, z, self.thickness * o) for o in (near, far)[:: self.away]]
-        return sheet(name, *faces, convex=not self.slope)
+        front, back = (self.points(x, z, self.thickness * o) for o in (near, far)[:: self.away])
+        return sheet(name, front, back, convex=not self.slope)
 
 
 def build(kind: str, name: str, head: Head, bars: int, fill: float) -> list[Part]:
