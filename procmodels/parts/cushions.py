@@ -29,14 +29,16 @@ def cushion(name: str, outline: np.ndarray, low: float, high: float, softness: f
     """
     thickness, middle = high - low, (outline.min(0) + outline.max(0)) / 2
     size = np.ptp(outline, axis=0)
-    radius = min(thickness * (CRISP + (PLUMP - CRISP) * softness) * (1 - CROWN * softness), 0.3 * size.min())
-    foot = high - CROWN * softness * thickness
+    # So small beside the cushion's sides that the dome is flatter than its edge: it stays convex.
+    crown = softness * min(CROWN * thickness, 0.06 * size.min())
+    radius = min((CRISP + (PLUMP - CRISP) * softness) * (thickness - crown), 0.2 * size.min())
+    foot = high - crown
     heights = np.concatenate([low + radius * _BELOW[:, 0], foot + radius * _ABOVE[:, 0], [high]])
     insets = np.concatenate([radius * _BELOW[:, 1], radius * _ABOVE[:, 1], [0.38 * size.min()]])
     rings = np.empty((7, len(outline), 3))
     rings[:, :, :2] = middle + (outline - middle) * (1 - 2 * insets[:, None] / size)[:, None]
     rings[:, :, 2] = heights[:, None]
-    return loft(name, rings)
+    return loft(name, rings, convex=True)
 
 
 def square(low: tuple[float, float], high: tuple[float, float], softness: float) -> np.ndarray:
