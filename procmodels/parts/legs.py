@@ -102,17 +102,28 @@ def stretchers(kind: str, front: Leg, rear: Leg, share: float) -> list[Part]:
     return parts
 
 
-def aprons(front: Leg, rear: Leg, height: float, under: Plane) -> list[Part]:
-    """Boards under the seat between four legs, down to a share of the legs' height."""
-    half = 0.25 * min(front.size, rear.size)
-    low = [leg.at((1 - height) * leg.top) for leg in (front, rear)]
+def aprons(front: Leg, rear: Leg, height: float, under: Plane, behind: float = 0.0) -> list[Part]:
+    """Boards under the seat between four legs, down to a share of the legs' height.
+
+    behind  the share that the rear one reaches down, where that is more; without a height it is the only one
+    """
+    half = apron_half(front, rear)
     high = [leg.at(leg.top) for leg in (front, rear)]
-    parts = both("apron {}", _board(np.array([low, high]), (half, 0, 0), under))
-    for name, i in (("front", 0), ("rear", 1)):
-        rows = [[(-x, y, z), (x, y, z)] for x, y, z in (low[i], high[i])]
-        board = _board(np.array(rows), (0, -half, 0), under)
-        parts.append(Part(f"apron {name}", board.vertices, board.faces, board.convex))
+    parts = []
+    if height:
+        low = [leg.at((1 - height) * leg.top) for leg in (front, rear)]
+        parts += both("apron {}", _board(np.array([low, high]), (half, 0, 0), under))
+    for name, leg, share in (("front", front, height), ("rear", rear, max(height, behind))):
+        if share:
+            rows = [[(-x, y, z), (x, y, z)] for x, y, z in (leg.at((1 - share) * leg.top), leg.at(leg.top))]
+            board = _board(np.array(rows), (0, -half, 0), under)
+            parts.append(Part(f"apron {name}", board.vertices, board.faces, board.convex))
     return parts
+
+
+def apron_half(front: Leg, rear: Leg) -> float:
+    """Half the thickness of aprons."""
+    return min(0.25 * min(front.size, rear.size), 0.02)
 
 
 def _board(rows: np.ndarray, half: tuple[float, float, float], under: Plane) -> Part:
