@@ -20,14 +20,16 @@ from typing import Any
 from procmodels.conditions import when
 from procmodels.parameters import grouped
 from procmodels.parts import frames, fronts, legs, tops
-from procmodels.parts.frames import Angle, Ends, inward
+from procmodels.parts.frames import Angle, Ends
 from procmodels.parts.legs import Leg
 from procmodels.parts.primitives import Plane, box, mirrored
+from procmodels.parts.sizes import inward, limited
 from procmodels.parts.tops import Top
 from procmodels.shape import Part
 from procmodels.space import Choice, Flag, Geometric, Integer, Params, ParamSpace, Scalar
 from procmodels.units import DEGREES, SHARE, Unit, of_parameter
 
+THICKEST = 0.3  # legs
 LEAST = 0.004  # lengths in shares: a lower apron is none
 GAP, FRONT = 0.008, 0.02  # between drawers, and their thickness
 
@@ -64,7 +66,7 @@ _TOP = grouped(
 _BASE = grouped(
     "base",
     Choice("base", tuple(SHARES), usual=tuple(SHARES.values()), about="what the top stands on"),
-    Geometric("leg_thickness", 0.012, 0.3, only_if=BASE.not_("block"), usual=(0.075, 0.03), about=LEGS),
+    Geometric("leg_thickness", 0.012, THICKEST, only_if=BASE.not_("block"), usual=(0.075, 0.03), about=LEGS),
     Scalar("leg_taper", 0.3, 1.3, unit=SHARE, only_if=TAPERED, usual=(0.9, 0.2), about="foot beside upper end"),
     Scalar("splay_side", 0.0, 22.0, unit=DEGREES, only_if=LEANING, usual=(0.0, 5.0), absent=0.6, about="feet outwards"),
     Scalar("splay_front", 0.0, 24.0, unit=DEGREES, only_if=FOUR & STRAIGHT, usual=(0.0, 5.0), absent=0.6, about=FEET),
@@ -114,7 +116,7 @@ def build(params: Params) -> list[Part]:
 
 def _size(p: Any, room: tuple[float, float]) -> float:
     """The legs' thickness: less where they would else stand in each other, below narrow tops."""
-    return p.leg_thickness / (1 + (p.leg_thickness / (0.9 * min(room))) ** 3) ** (1 / 3)
+    return limited(p.leg_thickness, 0.9 * min(room), THICKEST)
 
 
 def _four(p: Any, top: Top) -> list[Part]:

@@ -16,11 +16,6 @@ Place = tuple[float, float]
 FEET = {"three": 3, "four": 4, "five": 5}
 
 
-def inward(room: float, size: float, inset: float) -> float:
-    """The middle of a member of a size that reaches to `room` from the middle, or lies nearer by a share."""
-    return size / 2 + (room - size) * (1 - inset)
-
-
 def leaning(name: str, head: Place, foot: Place, size: float, taper: float, top: float) -> Part:
     """A leg whose thickness is as asked across its own line."""
     wider = [math.hypot(1, (h - f) / top) for h, f in zip(head, foot, strict=True)]

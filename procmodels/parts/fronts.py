@@ -22,14 +22,17 @@ def fields(span: Span, count: int) -> list[Span]:
     return [(span[0] + i * step, span[0] + (i + 1) * step) for i in range(count)]
 
 
-def drawers(name: str, x: Span, rows: Sequence[Span], y: Span, gap: float) -> list[Part]:
-    """A front for every row, numbered from below."""
-    return [front(f"{name} {i + 1}", x, z, y, gap) for i, z in enumerate(rows)]
+def grid(name: str, x: Span, rows: Sequence[Span], y: Span, leaves: int, gap: float) -> list[Part]:
+    """Fronts for every row, numbered from below, and so many beside each other; what is higher than wide is a door.
 
-
-def doors(name: str, x: Span, z: Span, y: Span, leaves: int, gap: float) -> list[Part]:
-    """One front, or two beside each other."""
-    return [front(f"{name} {i + 1}", field, z, y, gap) for i, field in enumerate(fields(x, leaves))]
+    name  with {} in the place of "door" or "drawer"
+    """
+    parts = []
+    for i, z in enumerate(rows):
+        for j, field in enumerate(fields(x, leaves)):
+            what = name.format("door" if z[1] - z[0] > field[1] - field[0] else "drawer")
+            parts.append(front(f"{what} {i + 1}" + f" {j + 1}" * (leaves > 1), field, z, y, gap))
+    return parts
 
 
 def block(name: str, x: Span, y: Span, z: Span, count: int, thickness: float, gap: float) -> list[Part]:
@@ -39,4 +42,7 @@ def block(name: str, x: Span, y: Span, z: Span, count: int, thickness: float, ga
     """
     face = y[0] + min(thickness, 0.2 * (y[1] - y[0]))
     body = box(name.format("body"), (x[0], face, z[0]), (x[1], y[1], z[1]))
-    return [body, *drawers(name.format("drawer"), x, fields(z, count), (y[0], face), gap)]
+    drawers = [
+        front(f"{name.format('drawer')} {i + 1}", x, f, (y[0], face), gap) for i, f in enumerate(fields(z, count))
+    ]
+    return [body, *drawers]

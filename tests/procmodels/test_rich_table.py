@@ -28,7 +28,7 @@ def _faults(parts, params):
     low = [v[:, 2].max() for n, v in by_name.items() if n.startswith(("shelf", "stretcher"))]
     found = []
     for name, vertices in by_name.items():
-        x, y, z = vertices.T
+        x, _, z = vertices.T
         if name != "top" and z.max() > under + 1e-6:
             found.append(f"{name} pokes into the top")
         if name.endswith("left") and x.min() < -1e-6:
