@@ -1,4 +1,4 @@
-"""Bookcases, racks, cupboards, chests of drawers, sideboards, TV units, wardrobes: 28 parameters, of which 7 to 25 do
+"""Bookcases, racks, cupboards, chests of drawers, sideboards, TV units, wardrobes: 30 parameters, of which 10 to 25 do
 something at a time.
 
 Lengths are fractions of the height, as the paper's class has it: of a bookcase and a wardrobe it is the longest side,

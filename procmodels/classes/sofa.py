@@ -1,4 +1,4 @@
-"""Sofas: straight ones, armchairs, corner sofas, chaises longues, tubs, daybeds: 32 parameters, of which A to B do
+"""Sofas: straight ones, armchairs, corner sofas, chaises longues, tubs, daybeds: 31 parameters, of which 9 to 30 do
 something at a time. From primitives alone; the geometry-node sofa is the paper's.
 
 Lengths are fractions of the height of the back, which ends at 1: of the extents that a normalised shape leaves open it

@@ -1,4 +1,4 @@
-"""Tables, desks, coffee and side tables, consoles, bar tables: 28 parameters, of which 7 to 18 do something at a time.
+"""Tables, desks, coffee and side tables, consoles, bar tables: 30 parameters, of which 7 to 24 do something at a time.
 
 Lengths are fractions of the table's height, as the paper's class has it: it is what pictures and meshes show best, and
 what a table is named by (a dining table is 0.74 m, a coffee table 0.4 m high); widths run from a bar table's 0.4 to a

@@ -158,4 +158,5 @@ def back(name: str, ends: tuple[float, float], front: float, rear: float, low: f
     z = np.array([low, seat, 1.0])[:, None] + np.zeros(2)
     x = np.array(ends) + np.zeros((3, 1))
     shift = lean * np.maximum(z - seat, 0)
-    return sheet(name, *(np.stack([x, y + shift, z], -1) for y in (front, rear)), convex=not lean)
+    near, far = (np.stack([x, y + shift, z], -1) for y in (front, rear))
+    return sheet(name, near, far, convex=not lean)
