@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
+from scipy import sparse
 
 from recon.fitting.state import Jacobian, Posed
 from recon.geometry.object_windows import Crops
@@ -86,17 +88,13 @@ class Masks:
         block = slopes.along(velocities).astype(np.float32) * scaled.weights.ravel()[slopes.pixels, None]
         if not self.looks[level].blur:
             return here, Jacobian(len(here), slopes.pixels, block)
-        out = np.zeros((*scaled.masks.shape, block.shape[1]), np.float32)
-        out.reshape(len(here), -1)[slopes.pixels] = block
-        touched = np.zeros(scaled.masks.shape, np.float32)
-        touched.ravel()[slopes.pixels] = 1
-        rows = np.flatnonzero(self._blurred(touched, level) > 0)
-        return here, Jacobian(len(here), rows, self._blurred(out, level).reshape(len(here), -1)[rows])
+        height, width = scaled.masks.shape[1:]
+        return here, _spread(len(here), slopes.pixels, block, _kernel(height, width, self.looks[level].blur))
 
     def _blurred(self, images: np.ndarray, level: int) -> np.ndarray:
-        """(V, H, W, ...) as a level looks at them."""
+        """(V, H, W) as a level looks at them."""
         for _ in range(self.looks[level].blur):
-            images = np.stack([cv2.blur(image, (3, 3)).reshape(image.shape) for image in images])
+            images = np.stack([cv2.blur(image, (3, 3)) for image in images])
         return images
 
     def loss(self, posed: Posed) -> float:
@@ -108,3 +106,26 @@ class Masks:
         drawn = np.stack(silhouettes(posed.shape, posed.K, posed.cam_from_shape, self.sizes)) & self.valid
         both, either = (drawn & self.hard).sum((1, 2)), (drawn | self.hard).sum((1, 2))
         return np.where(either > 0, both / np.maximum(either, 1), 1.0)
+
+
+@lru_cache(maxsize=8)
+def _kernel(height: int, width: int, times: int) -> sparse.csc_array:
+    """(pixels, pixels) of one image: what boxes of 3 x 3 make of a pixel, so many of them one after the other."""
+    lines = [np.linalg.matrix_power(cv2.blur(np.eye(n, dtype=np.float32), (1, 3)), times) for n in (height, width)]
+    return sparse.csc_array(sparse.kron(*lines, format="csc"))
+
+
+def _spread(m: int, pixels: np.ndarray, block: np.ndarray, kernel: sparse.csc_array) -> Jacobian:
+    """The derivatives (p, k) of some pixels when all m are blurred: those of the pixels around, too, and no others.
+
+    A kernel's column a pixel: outlines touch few pixels, and whole images a number would take five times as long.
+    """
+    image, inside = np.divmod(pixels, kernel.shape[0])
+    around = kernel[:, inside]
+    places = around.indices + (image * kernel.shape[0]).repeat(np.diff(around.indptr))
+    touched = np.zeros(m, bool)
+    touched[places] = True
+    row = np.cumsum(touched) - 1
+    shape = int(touched.sum()), len(pixels)
+    blurred = sparse.csc_array((around.data, row[places], around.indptr), shape=shape) @ block
+    return Jacobian(m, np.flatnonzero(touched), blurred)

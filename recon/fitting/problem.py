@@ -39,11 +39,6 @@ class Problem:
         self._losses: dict[tuple, float] = {}
         self._nearby: dict[tuple, Nearby] = {}
 
-    def forget(self) -> None:
-        """What was kept: for those who measure."""
-        for kept in (self._shapes, self._losses, self._nearby):
-            kept.clear()
-
     # States
 
     def state(self, params: Mapping[str, Any], place: np.ndarray, front: int = 0) -> State:

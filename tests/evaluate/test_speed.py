@@ -45,6 +45,8 @@ def options(tmp_path_factory):
         sides=(4, 8),
         starts=(1, 2),
         grids=(8, 16),
+        jacobian_views=2,
+        jacobian_size=24,
         copied_mb=1,
         matrix=32,
         command=False,
@@ -70,8 +72,8 @@ def test_rows_have_the_promised_keys_and_ratio(rows):
 
 
 def test_every_comparison_has_its_rows(rows):
-    kinds = [k for r in rows for k in ("silhouettes", "latent fit", "Task 4", GROWTH, LIMIT) if r.what.startswith(k)]
-    assert kinds == ["silhouettes"] * 2 + ["latent fit"] + ["Task 4"] * 2 + [GROWTH] * 9 + [LIMIT] * 6
+    kinds = [k for r in rows for k in ("silhouettes", "latent fit", "Task 4", "derivatives", GROWTH, LIMIT) if r.what.startswith(k)]
+    assert kinds == ["silhouettes"] * 2 + ["latent fit"] + ["Task 4"] * 2 + ["derivatives"] * 2 + [GROWTH] * 9 + [LIMIT] * 6
     assert len({(r.what, r.against) for r in rows}) == len(rows)
 
 
@@ -82,6 +84,12 @@ def test_each_growth_starts_at_itself_and_takes_ever_more_memory(rows):
         assert same[0].what.endswith(first)
         assert same[0].ratio == 1
         assert [r.memory_mb for r in same] == sorted({r.memory_mb for r in same})
+
+
+def test_exact_derivatives_are_those_that_finite_differences_find(rows):
+    said = [float(r.against.split()[-5]) for r in rows if r.what.startswith("derivatives")]
+    assert len(said) == 2
+    assert max(said) < 3e-3
 
 
 def test_memory_counts_both_orders_of_the_matrix():

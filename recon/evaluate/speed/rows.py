@@ -33,6 +33,8 @@ class SpeedOptions:
     sides: tuple[int, ...] = (32, 64, 128, 256)
     starts: tuple[int, ...] = (1, 4, 8, 16, 32)
     grids: tuple[int, ...] = (32, 64, 128)
+    jacobian_views: int = 32  # as many, and as large, as refinement compares
+    jacobian_size: int = 112
     copied_mb: int = 256  # far more than any cache holds
     matrix: int = 2048  # side of the matrices that are multiplied
     command: bool = True  # also run the whole command on the shipped photos
