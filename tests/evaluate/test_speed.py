@@ -72,8 +72,9 @@ def test_rows_have_the_promised_keys_and_ratio(rows):
 
 
 def test_every_comparison_has_its_rows(rows):
-    kinds = [k for r in rows for k in ("silhouettes", "latent fit", "Task 4", "derivatives", GROWTH, LIMIT) if r.what.startswith(k)]
-    assert kinds == ["silhouettes"] * 2 + ["latent fit"] + ["Task 4"] * 2 + ["derivatives"] * 2 + [GROWTH] * 9 + [LIMIT] * 6
+    wanted = {"silhouettes": 2, "latent fit": 1, "Task 4": 2, "derivatives": 2, GROWTH: 9, LIMIT: 6}
+    kinds = [k for r in rows for k in wanted if r.what.startswith(k)]
+    assert kinds == [k for k, count in wanted.items() for _ in range(count)]
     assert len({(r.what, r.against) for r in rows}) == len(rows)
 
 
@@ -87,7 +88,7 @@ def test_each_growth_starts_at_itself_and_takes_ever_more_memory(rows):
 
 
 def test_exact_derivatives_are_those_that_finite_differences_find(rows):
-    said = [float(r.against.split()[-5]) for r in rows if r.what.startswith("derivatives")]
+    said = [float(r.against.split()[-4]) for r in rows if r.what.startswith("derivatives")]
     assert len(said) == 2
     assert max(said) < 3e-3
 
