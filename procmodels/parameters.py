@@ -4,6 +4,7 @@ only_if  a Condition (procmodels.conditions) on other parameters; where it does 
 usual    the prior: (value, spread) of a number; shares of the values of a choice, integer or flag (the share of true)
 about    what it does, in one line
 group    where people look for it: "seat", "legs", "back", ...
+said     how a sentence says each value of a choice ("a star base"); "": it does not
 """
 
 from __future__ import annotations
@@ -145,6 +146,7 @@ class Choice(_OneHot):
     usual: tuple[float, ...] | None = None
     about: str = ""
     group: str = ""
+    said: tuple[str, ...] = ()
 
     @property
     def values(self) -> tuple[Value, ...]:

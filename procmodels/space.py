@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 Params = dict[str, Value]
-WORDS = ("about", "group")  # fields of a parameter that change neither shapes nor vectors
+WORDS = ("about", "group", "said")  # fields of a parameter that change neither shapes nor vectors
 
 
 class ParameterError(ValueError):

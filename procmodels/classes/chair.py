@@ -34,6 +34,13 @@ SEAT_HEIGHT = 0.52
 THICKEST, WIDEST = 0.08, 0.24  # legs, arms
 
 FRAMED = ("vbars", "splat", "cross", "frame")
+BACKS = ("none", "panel", "shell", "hbars", *FRAMED)
+SAID_BACKS = (
+    *("no back", "a closed back", "a shell for a back", "a back of level bars"),
+    *("a back of upright bars", "a splat back", "a crossed back", "an open back"),
+)
+BASES = ("four", "star", "sled", "fold", "pedestal", "panel")
+SAID_BASES = ("four legs", "a star base", "runners", "folding legs", "a pedestal", "boards for legs")
 
 # When parameters do something.
 FOUR, LEGGED = when("base").is_("four"), when("base").among("four", "sled", "fold")
@@ -67,7 +74,7 @@ _SEAT = grouped(
 )
 _BASE = grouped(
     "base",
-    Choice("base", ("four", "star", "sled", "fold", "pedestal", "panel"), usual=(56, 30, 4, 4.5, 2, 3)),
+    Choice("base", BASES, usual=(56, 30, 4, 4.5, 2, 3), said=SAID_BASES),
     Geometric(
         "leg_thickness", 0.012, THICKEST, usual=(0.045, 0.015), about="of legs at the top, a column, side boards"
     ),
@@ -78,7 +85,14 @@ _BASE = grouped(
     Scalar("inset_side", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="legs from the sides inwards"),
     Scalar("inset_front", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="from front and rear inwards"),
     Scalar("apron", 0.0, 0.9, unit=OF_BELOW, only_if=BOARDED, usual=(0.0, 0.15), absent=0.65, about=APRON),
-    Choice("stretchers", ("none", "sides", "H", "box"), FOUR, usual=(55, 12, 15, 18), about="bars between the legs"),
+    Choice(
+        "stretchers",
+        ("none", "sides", "H", "box"),
+        FOUR,
+        usual=(55, 12, 15, 18),
+        about="bars between the legs",
+        said=("", "stretchers at the sides", "stretchers like an H", "stretchers all round"),
+    ),
     Flag("foot_ring", COLUMN, usual=0.1, about="a ring round the column for the feet"),
     Scalar("stretcher_height", 0.08, 0.8, unit=OF_BELOW, only_if=BARRED, usual=(0.35, 0.15), about="or of the ring"),
     Flag("rear_posts", when("base").is_("sled"), usual=0.5, about="without them the seat hangs from the front"),
@@ -91,7 +105,7 @@ _BASE = grouped(
 )
 _BACK = grouped(
     "back",
-    Choice("back", ("none", "panel", "shell", "hbars", *FRAMED), usual=(8, 54, 10, 8, 9, 6, 1, 4)),
+    Choice("back", BACKS, usual=(8, 54, 10, 8, 9, 6, 1, 4), said=SAID_BACKS),
     Scalar("back_width", 0.45, 1.0, unit=SHARE, only_if=BACK, usual=(0.93, 0.08), about="of the seat's at the rear"),
     Scalar("back_flare", -0.3, 0.35, unit=SHARE, only_if=BACK, usual=(0.0, 0.08), about="how much wider its top is"),
     Scalar("back_rake", -2.0, 40.0, unit=DEGREES, only_if=BACK, usual=(10.0, 6.0), about="how far it leans"),
@@ -111,7 +125,13 @@ _BACK = grouped(
 )
 _ARMS = grouped(
     "arms",
-    Choice("arms", ("none", "posts", "pads", "panel", "wrap"), BACK, usual=(57, 8, 23, 8, 4)),
+    Choice(
+        "arms",
+        ("none", "posts", "pads", "panel", "wrap"),
+        BACK,
+        usual=(57, 8, 23, 8, 4),
+        said=("no arms", "arms on posts", "arm pads", "arm boards", "arms that go on from the back"),
+    ),
     Scalar("arm_height", 0.15, 1.0, unit=OF_BACK, only_if=ARMS, usual=(0.45, 0.12), about="above the seat"),
     Geometric("arm_size", 0.03, WIDEST, unit=OF_WIDTH, only_if=ARMS, usual=(0.08, 0.04), about="width of each arm"),
     Scalar("arm_length", 0.4, 1.0, unit=SHARE, only_if=ARMS, usual=(0.92, 0.12), about="of the seat before the back"),

@@ -112,6 +112,8 @@ def page(
 
 def _trait(parameter: Parameter, value: Any) -> str:
     name = spaced(parameter.name)
+    if isinstance(parameter, Choice) and parameter.said:
+        return parameter.said[parameter.options.index(value)]
     if isinstance(parameter, Choice):
         return f"no {name}" if value == "none" else f"{spaced(str(value))} {name}"
     if isinstance(parameter, Integer):

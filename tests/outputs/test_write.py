@@ -14,6 +14,7 @@ import pytest
 import trimesh
 
 import procmodels
+from procmodels.space import Choice
 from recon.outputs import camera_export, contact_sheet, report, write
 from recon.outputs.previews import ShadeOptions, render_previews
 from recon.outputs.result import seen
@@ -333,3 +334,11 @@ def only_the_first(result):
         views="images",
         placed="estimated",
     )
+
+
+def test_a_choice_is_said_in_the_models_own_words():
+    space = procmodels.load("chair").space
+    said = {p.name: p.said for p in space.discrete if isinstance(p, Choice)}
+    assert all(len(said[name]) == len(space.by_name[name].options) for name in ("base", "stretchers", "back", "arms"))
+    assert report._trait(space.by_name["base"], "star") == "a star base"
+    assert report._trait(Choice("legs", ("round", "none")), "round") == "round legs"
