@@ -172,8 +172,8 @@ class Rack:
         """Boards and posts, perhaps with a back between the rear ones."""
         half, x, rear = self.size / 2, (self.width - self.size) / 2, (self.depth - self.size) / 2
         section = (self.size, self.size)
-        ends = [(x, self.front(z) + half) for z in (0.0, 1.0)]
-        parts = both("post front {}", upright("", *ends, section, section, high=Plane(1.0)))
+        foot, head = ((x, self.front(z) + half) for z in (0.0, 1.0))
+        parts = both("post front {}", upright("", foot, head, section, section, high=Plane(1.0)))
         parts += both("post rear {}", upright("", (x, rear), (x, rear), section, section, high=Plane(1.0)))
         for i, (low, high) in enumerate(boards):
             parts.append(box(f"board {i + 1}", (-x, self.front(low) + half, low), (x, rear, high)))
