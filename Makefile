@@ -27,10 +27,13 @@ long: install
 weights: install
 	set -e; for class in bed chair shelf sofa table; do \
 	  [ $$class = sofa ] && shapes=10000 || shapes=3000; \
-	  $(BIN)/python -m datasets.synthetic $$class --train-on $$shapes --out .cache/data/$$class; \
-	  $(BIN)/python -m nnproc.train $$class; \
-	  $(BIN)/python -m nnproc.finetune $$class; \
+	  $(BIN)/python -m datasets.synthetic paper/$$class --train-on $$shapes --out .cache/data/paper/$$class; \
+	  $(BIN)/python -m nnproc.train paper/$$class; \
+	  $(BIN)/python -m nnproc.finetune paper/$$class; \
 	done
+	$(BIN)/python -m datasets.synthetic chair --train-on 0 --train-off 40000 --test-on 0 --test-off 600 \
+	  --train-hull 14000 --test-hull 300 --workers 2 --out .cache/data/chair
+	$(BIN)/python -m nnproc.inverse chair --data .cache/data/chair --work .cache/train/chair
 
 install: $(VENV)/installed
 

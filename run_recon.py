@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
     classes = f"{', '.join(names())}; auto tries all of them; or a model's .py file, code that is run (default chair)"
     p.add_argument("--class", dest="class_name", default="chair", metavar="NAME", help=classes)
     p.add_argument("--out", type=path, help="where results go (default: out/<name of the photo folder>)")
-    p.add_argument("--masks", type=path, help="folder of your own masks: same names as the photos, white = object")
+    p.add_argument("--masks", type=path, help="folder or zip of your own masks: named as the photos, white = object")
     p.add_argument("--mask", type=path, metavar="FILE", help="of one image: white = object")
     p.add_argument("--box", metavar="X,Y,W,H", help="of one image: pixels round the object, which is then cut out")
     p.add_argument("--pix3d", type=path, metavar="FILE", help="of one image: Pix3D's pix3d.json with its camera")

@@ -15,7 +15,9 @@ import hashlib
 import json
 import logging
 import multiprocessing
+import os
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -172,8 +174,16 @@ _in_worker: list[Callable[[_Shard], None]] = []  # one entry, in a worker: what 
 
 
 def _start_worker(path: str, options: SyntheticOptions) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     model = load(path)
     _in_worker.append(lambda shard: _make(model, shard, options))
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _make_in_worker(shard: _Shard) -> _Shard:

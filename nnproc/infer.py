@@ -17,6 +17,7 @@ from torch import Tensor
 
 from nnproc.network import HALVES, NetworkConfig, NNProc
 from nnproc.on_device import device, latents_of_grids, logits_of_vectors, values_of_latents
+from nnproc.shape_nets import channels_last
 from procmodels.space import Params, ParamSpace
 
 
@@ -79,7 +80,7 @@ def load_network(space: ParamSpace, path: Path, decoder: bool = False) -> NNProc
             raise ValueError(f"it lacks {lacking} and has {unknown}")
     except (KeyError, TypeError, RuntimeError, ValueError) as error:
         raise WeightsError(f"{path} does not fit the network it describes: {error}") from error
-    network = network.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
+    channels_last(network)
     return network.to(device()).eval().requires_grad_(False)
 
 

@@ -7,7 +7,8 @@ Four layer lists:
              cost of transposed convolutions on a CPU, with several times the capacity)
   "product"  the same encoder; the decoder is a sum of products of 1-D profiles, which boxes are (docs/decoders.md)
   "paper"    strided convolutions 8-16-24-32-40, mirrored by transposed ones
-  "wide"     the patch network with a wider encoder, for classes of many parameters (NetworkConfig.hidden: 512)
+  "planes"   the patch network with an encoder that sees the grid as images of 64 layers from three sides, for classes
+             of many parameters (NetworkConfig.hidden: 512)
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ HALVES = {"forward": ("param_encoder", "shape_decoder"), "inverse": ("shape_enco
 class NetworkConfig:
     """What rebuilds a network, beside the parameter space."""
 
-    layers: str = "patch"  # "patch", "product", "paper" or "wide"
+    layers: str = "patch"  # "patch", "product", "paper" or "planes"
     latent: int = 128
     hidden: int = 256  # width of the parameter MLPs
     octaves: int = 0  # of sines and cosines of the scalars that PE sees beside their values

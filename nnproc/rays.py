@@ -14,8 +14,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from kornia.geometry.camera.perspective import unproject_points
-from kornia.geometry.linalg import transform_points
 from torch import Tensor
 
 # Rays per step while path lengths are computed: 8192 x 195 crossings x 8 bytes = 13 MB a temporary array.
@@ -119,6 +117,10 @@ def pixel_rays(K: Tensor, cam_from_canonical: Tensor, index: Tensor, width: int)
     Returns:
         origin (3,) and directions (n, 3) in the canonical frame; directions have depth 1 in the camera frame.
     """
+    # A quarter of a second to import, which shapes given as such need not wait for.
+    from kornia.geometry.camera.perspective import unproject_points
+    from kornia.geometry.linalg import transform_points
+
     centres = torch.stack([index % width, index.div(width, rounding_mode="floor")], -1).to(K.dtype) + 0.5
     in_camera = unproject_points(centres, torch.ones_like(centres[:, :1]), K)
     canonical_from_cam = torch.linalg.inv(cam_from_canonical)

@@ -34,7 +34,7 @@ from nnproc.losses import VARIANTS, LossWeights, losses
 from nnproc.muon import Muon
 from nnproc.network import NetworkConfig, NNProc, parameter_count
 from nnproc.on_device import device
-from nnproc.shape_nets import SHAPE_NETS, cells_from_grid
+from nnproc.shape_nets import SHAPE_NETS, cells_from_grid, channels_last
 from procmodels import ModelError, load
 
 log = logging.getLogger("nnproc.train")
@@ -101,7 +101,8 @@ class Trainer:
         torch.manual_seed(options.seed)
         self.options, self.work = options, work
         self.network = NNProc(load(class_name).space, options.network)
-        self.network.to(device(), memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
+        self.network.to(device())
+        channels_last(self.network)
         self.optimiser = Muon(self.network.parameters())
         self.step, self.seconds = 0, 0.0
 

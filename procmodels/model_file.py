@@ -6,6 +6,7 @@ Nothing holds a file back that ends the process from below (os._exit, a crash of
 from __future__ import annotations
 
 import functools
+import math
 import signal
 import sys
 import threading
@@ -18,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from procmodels.shape import Part
+from procmodels.shape import Part, Polygon
 
+MOST_CHECKED = 4096
 SECONDS = 60.0  # a file that takes longer to load, or to build a few shapes, is given up
 
 
@@ -103,22 +105,33 @@ def _usable(parts: Any) -> list[Part]:
         raise ValueError(f"build(params) must return a list of Parts, not {_short(repr(parts))}")
     sound = []
     for part in parts:
-        vertices = np.asarray(part.vertices)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices.astype(float)).all():
+        vertices = np.asarray(part.vertices, float)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not math.isfinite(vertices.sum()):
             raise ValueError(f"the vertices of part {part.name!r} must be (n, 3) numbers, none of them infinite or NaN")
-        faces = tuple(map(tuple, part.faces))
-        if not _are_faces(faces, len(vertices)):
-            raise ValueError(f"the faces of part {part.name!r} must name three or more of its {len(vertices)} vertices")
-        sound.append(Part(part.name, vertices.astype(float), faces, part.convex))
+        faces = _checked.get((id(part.faces), len(vertices)))
+        if faces is not part.faces:
+            faces = _faces(part, len(vertices))
+        sound.append(Part(part.name, vertices, faces, part.convex))
     if not np.ptp(np.concatenate([p.vertices for p in sound]), axis=0).any():
         raise ValueError("the parts are a single point")
     return sound
 
 
-@functools.lru_cache(maxsize=4096)
-def _are_faces(faces: tuple[tuple[int, ...], ...], count: int) -> bool:
-    """Whether there are some and all name three or more of `count` vertices; looked at once for parts of one kind."""
-    return bool(faces) and all(len(f) >= 3 and min(f) >= 0 and max(f) < count for f in faces)
+# Faces that were looked at, by their address and the number of vertices: those of parts of one kind are made once.
+_checked: dict[tuple[int, int], tuple[Polygon, ...]] = {}
+
+
+def _faces(part: Part, count: int) -> tuple[Polygon, ...]:
+    """The faces of a part of `count` vertices. Raises ValueError unless there are some and all name three or more."""
+    tuples = isinstance(part.faces, tuple) and all(isinstance(f, tuple) for f in part.faces)
+    faces = part.faces if tuples else tuple(map(tuple, part.faces))
+    if not faces or not all(len(f) >= 3 and min(f) >= 0 and max(f) < count for f in faces):
+        raise ValueError(f"the faces of part {part.name!r} must name three or more of its {count} vertices")
+    if faces is part.faces:
+        if len(_checked) >= MOST_CHECKED:
+            _checked.clear()
+        _checked[id(faces), count] = faces  # it is kept, so that its address is not given to another
+    return faces
 
 
 def _place(error: BaseException, path: Path, line: int | None) -> str:

@@ -174,6 +174,7 @@ class Silhouettes:
     unknown V of (H, W) bool or None: pixels that may be object or not, such as behind a plant; () when there are none.
             They count neither for nor against a shape. A mask is False there.
     warnings what the user should know
+    misplaced  names of views that contradict the others because their cameras stand elsewhere
     """
 
     names: tuple[str, ...]
@@ -184,6 +185,7 @@ class Silhouettes:
     reasons: tuple[tuple[str, str], ...] = ()
     unknown: tuple[np.ndarray | None, ...] = ()
     warnings: tuple[str, ...] = ()
+    misplaced: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.names)

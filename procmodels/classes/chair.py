@@ -1,4 +1,4 @@
-"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 38 parameters, of which 15 to 31 do something at a time.
+"""Chairs, armchairs, swivel chairs, stools, benches, loungers: 42 parameters, of which 27 do something at a time.
 
 Lengths are fractions of the chair's height: its back ends at 1. Of the gauges that a normalised shape leaves open this
 one varies least between kinds of chairs (a bar chair is as wide as 0.4 of its height, an easy chair as 0.9; of seat
@@ -38,15 +38,17 @@ FRAMED = ("vbars", "splat", "cross", "frame")
 # When parameters do something.
 FOUR, LEGGED = when("base").is_("four"), when("base").among("four", "sled", "fold")
 TAPERED, BOARDED = when("base").among("four", "fold"), when("base").among("four", "panel")
-COLUMN = when("base").among("star", "pedestal")
+STAR, COLUMN = when("base").is_("star"), when("base").among("star", "pedestal")
 BARRED = when("stretchers").not_("none") | when("foot_ring").is_(True)
 BACK, ARMS = when("back").not_("none"), when("arms").not_("none")
+RAILED = when("back").among(*FRAMED)
 GAPPED, TOPPED = when("back").not_("none", "shell"), when("back").among("panel", "shell", *FRAMED)
-BARS, SPLAT = when("back").among("hbars", "vbars"), when("back").is_("splat")
+BARS, FILLED = when("back").among("hbars", "vbars"), when("back").among("hbars", "vbars", "splat", "cross")
 
 OF_SEAT_HEIGHT, OF_DEPTH, OF_WIDTH = of_parameter("seat_height"), of_parameter("depth"), of_parameter("width")
 OF_LESS_HIGH = Unit("of the seat's height or depth, whichever is less")
 OF_LESS = Unit("of the seat before it or its width, whichever is less")
+OF_SECTOR = Unit("of the angle between two arms")
 OF_BELOW, OF_BACK = Unit("of the height below the seat"), Unit("of the back's height")
 APRON = "boards under the seat; 0: none"
 
@@ -73,20 +75,25 @@ _BASE = grouped(
     Scalar("splay_side", -3.0, 18.0, unit=DEGREES, only_if=LEGGED, usual=(3.0, 4.0), about="feet out to the sides"),
     Scalar("splay_front", -6.0, 18.0, unit=DEGREES, only_if=LEGGED, usual=(2.0, 4.0), about="front feet forwards"),
     Scalar("splay_rear", -6.0, 25.0, unit=DEGREES, only_if=LEGGED, usual=(7.0, 6.0), about="rear feet backwards"),
-    Scalar("leg_inset", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="from the corners to the middle"),
+    Scalar("inset_side", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="legs from the sides inwards"),
+    Scalar("inset_front", 0.0, 0.5, unit=SHARE, only_if=FOUR, usual=(0.04, 0.08), about="from front and rear inwards"),
     Scalar("apron", 0.0, 0.9, unit=OF_BELOW, only_if=BOARDED, usual=(0.0, 0.15), absent=0.65, about=APRON),
     Choice("stretchers", ("none", "sides", "H", "box"), FOUR, usual=(55, 12, 15, 18), about="bars between the legs"),
     Flag("foot_ring", COLUMN, usual=0.1, about="a ring round the column for the feet"),
     Scalar("stretcher_height", 0.08, 0.8, unit=OF_BELOW, only_if=BARRED, usual=(0.35, 0.15), about="or of the ring"),
     Flag("rear_posts", when("base").is_("sled"), usual=0.5, about="without them the seat hangs from the front"),
     Scalar("base_radius", 0.16, 0.42, only_if=COLUMN, usual=(0.3, 0.05), about="of the star or disc on the floor"),
-    Integer("base_arms", 3, 6, when("base").is_("star"), usual=(2, 12, 80, 1), about="of the star"),
-    Flag("castors", when("base").is_("star"), usual=0.85, about="wheels under the star"),
+    Integer("base_arms", 3, 6, STAR, usual=(2, 12, 80, 1), about="of the star"),
+    Scalar(
+        "base_turn", -0.5, 0.5, unit=OF_SECTOR, only_if=STAR, usual=(0.0, 0.25), about="of the star; 0: one to the rear"
+    ),
+    Flag("castors", STAR, usual=0.85, about="wheels under the star"),
 )
 _BACK = grouped(
     "back",
     Choice("back", ("none", "panel", "shell", "hbars", *FRAMED), usual=(8, 54, 10, 8, 9, 6, 1, 4)),
     Scalar("back_width", 0.45, 1.0, unit=SHARE, only_if=BACK, usual=(0.93, 0.08), about="of the seat's at the rear"),
+    Scalar("back_flare", -0.3, 0.35, unit=SHARE, only_if=BACK, usual=(0.0, 0.08), about="how much wider its top is"),
     Scalar("back_rake", -2.0, 40.0, unit=DEGREES, only_if=BACK, usual=(10.0, 6.0), about="how far it leans"),
     Scalar("back_bend", -15.0, 20.0, unit=DEGREES, only_if=BACK, usual=(4.0, 6.0), about="how much more at the top"),
     Scalar("back_wrap", 0.0, 0.65, unit=OF_LESS, only_if=BACK, usual=(0.06, 0.1), about="its sides, forwards"),
@@ -95,7 +102,10 @@ _BACK = grouped(
         "back_round", 0.0, 1.0, unit=SHARE, only_if=TOPPED, usual=(0.2, 0.25), about="square corners (0) to hoop (1)"
     ),
     Integer("back_bars", 1, 8, BARS, usual=(1, 2, 3, 3, 2, 2, 1, 1), about="number of bars"),
-    Scalar("bar_width", 0.08, 0.8, unit=SHARE, only_if=BARS | SPLAT, usual=(0.35, 0.15), about="of each bar's room"),
+    Scalar("bar_width", 0.08, 0.8, unit=SHARE, only_if=FILLED, usual=(0.35, 0.15), about="of each bar's room"),
+    Geometric(
+        "back_rail", 0.03, 0.5, unit=SHARE, only_if=RAILED, usual=(0.12, 0.08), about="height of a frame's upper rail"
+    ),
     Geometric("back_thickness", 0.02, 0.35, unit=OF_DEPTH, only_if=BACK, usual=(0.065, 0.05), about="and of its posts"),
     Scalar("back_cushion", 0.0, 0.25, unit=OF_DEPTH, only_if=BACK, usual=(0.0, 0.08), absent=0.8, about="0: none"),
 )
@@ -150,14 +160,16 @@ def _base(p: Any, seat: Seat) -> list[Part]:
     if p.base in ("star", "pedestal"):
         ring = p.stretcher_height if p.foot_ring else None
         if p.base == "star":
-            return legs.star(p.base_radius, p.base_arms, p.castors, size, under, ring)
+            return legs.star(p.base_radius, p.base_arms, p.base_turn, p.castors, size, under, ring)
         return legs.pedestal(p.base_radius, size, under, ring)
-    inset = p.leg_inset if p.base == "four" else 0.0
+    insets = (p.inset_side, p.inset_front) if p.base == "four" else (0.0, 0.0)
     taper = p.leg_taper if p.base in ("four", "fold") else 1.0
 
     def leg(y: float, lean: float) -> Leg:
         """Below the seat's corner at y, or nearer to the middle; its foot leans so many degrees away from it."""
-        x, y_in = (size / 2 + (room - size) * (1 - inset) for room in (seat.corner_width(y), abs(y)))
+        y_in = size / 2 + (abs(y) - size) * (1 - insets[1])
+        room = min(seat.corner_width(y), seat.corner_width(math.copysign(y_in, y)))  # the seat may widen away from it
+        x = size / 2 + (room - size) * (1 - insets[0])
         slopes = (math.tan(math.radians(p.splay_side)), math.tan(math.radians(lean)))
         return Leg.under(under, (x, math.copysign(y_in, y)), slopes, size, taper)
 
@@ -187,6 +199,8 @@ def _back(p: Any, seat: Seat) -> Back:
         thickness=thickness,
         gap=p.back_gap if p.back != "shell" else 0.0,
         roundness=p.back_round,
+        top_rail=p.back_rail,
+        flare=p.back_flare,
     )
 
 
@@ -196,7 +210,7 @@ _BACKS: dict[str, Callable[[Back, Any], list[Part]]] = {
     "hbars": lambda back, p: backs.hbars(back, p.back_bars, p.bar_width),
     "vbars": lambda back, p: backs.vbars(back, p.back_bars, p.bar_width),
     "splat": lambda back, p: backs.splat(back, p.bar_width),
-    "cross": lambda back, p: backs.cross(back),
+    "cross": lambda back, p: backs.cross(back, p.bar_width),
     "frame": lambda back, p: backs.frame(back),
 }
 

@@ -60,7 +60,7 @@ def pads(arms: Arms, seat: Seat, back: Back) -> list[Part]:
 def boards(arms: Arms, side: Side, back: Back) -> list[Part]:
     """A board at each side on the seat, its rear edge following the back."""
     v = min(back.share(arms.top), 1.0)
-    rear = float(back.profile(np.array(v))) + back.thickness / 2
+    rear = float(back.profile(np.array(v))[0]) + back.thickness / 2
     return side_boards("arm panel {}", side, arms.size, back.floor, Plane(arms.top), rear)
 
 

@@ -17,6 +17,9 @@ from procmodels.shape import Part
 
 ROWS = 5
 MIDDLE = np.array([-2, -1, 0, 1, 2]) / 3  # columns between the corners
+# The same of a frame, to its middle, and its rows: thin bars would hang free beside a coarse arc or bend.
+ACROSS, UP = np.arange(-5, 1) / 6, np.linspace(0, 1, 9)
+TURN = np.cos(np.linspace(0, np.pi / 2, 4)), np.sin(np.linspace(0, np.pi / 2, 4))  # a quarter of a circle
 LEAST = 0.01  # a lower gap is none, in shares of the back's height
 
 
@@ -24,7 +27,7 @@ LEAST = 0.01  # a lower gap is none, in shares of the back's height
 class Back:
     """The surface of a back; lengths in the model's units, angles in degrees.
 
-    width      from side to side, of its rear
+    width      from side to side, of its rear, on the seat; flare: how much wider its upper end is, as a share
     foot       y of the middle of its rear edge on the seat
     floor      the plane of the seat that it stands on
     top        z of its upper end
@@ -33,6 +36,7 @@ class Back:
     thickness  at right angles to the surface
     gap        from the seat to its lower edge, of its height
     roundness  of its upper corners: 0 square, 1 a hoop
+    top_rail   height of a frame's upper rail, of its height above the gap
     """
 
     width: float
@@ -45,6 +49,8 @@ class Back:
     thickness: float
     gap: float
     roundness: float
+    top_rail: float
+    flare: float
 
     @property
     def height(self) -> float:
@@ -62,13 +68,18 @@ class Back:
 
     @cached_property
     def post(self) -> float:
-        """Width of posts and rails, square where there is room, of half the back's width."""
+        """Width of posts, square where there is room, of half the back's width."""
         return min(2 * self.thickness / self.width, 0.35)
 
     @cached_property
     def rail(self) -> float:
-        """The same of the back's height."""
+        """Height of a lower rail, of the back's height."""
         return min(self.thickness / self.height, 0.2 * (1 - self.gap))
+
+    @cached_property
+    def upper(self) -> float:
+        """The same of the upper rail."""
+        return self.top_rail * (1 - self.gap)
 
     @cached_property
     def corner(self) -> tuple[float, float]:
@@ -82,18 +93,23 @@ class Back:
         beyond = np.clip((np.abs(u) - 1 + radius_u) / radius_u, 0, 1)
         return 1 - radius_v * (1 - np.sqrt(1 - beyond * beyond))
 
-    def tangent(self, v: np.ndarray) -> np.ndarray:
-        """How far the surface goes backwards for every unit of height, at v."""
-        return np.tan(np.radians(self.rake + self.bend * np.maximum(2 * v - 1, 0)))
+    @cached_property
+    def lean(self) -> float:
+        """How far the lower half goes backwards for every unit of height."""
+        return math.tan(math.radians(self.rake))
 
-    def profile(self, v: np.ndarray) -> np.ndarray:
-        """y of the middle of the front face at v."""
-        # The bend is small: half way between its ends the slope is the mean of theirs.
-        rake = math.tan(math.radians(self.rake))
+    @cached_property
+    def front(self) -> float:
+        """y of the middle of the front face on the seat."""
+        return self.foot - self.thickness * math.hypot(1, self.lean)
+
+    def profile(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """y of the middle of the front face at v, and how far it goes backwards there for every unit of height."""
         upper = np.maximum(v - 0.5, 0)
-        rise = rake * np.minimum(v, 0.5) + upper * (rake + self.tangent(v)) / 2
-        start = self.foot - self.thickness * math.hypot(1, rake)
-        return start + self.height * rise
+        slope = np.tan((self.rake + 2 * self.bend * upper) * (math.pi / 180))
+        # The bend is small: half way between its ends the slope is the mean of theirs.
+        rise = self.lean * (v - upper) + upper * (self.lean + slope) / 2
+        return self.front + self.height * rise, slope
 
     def points(self, u: np.ndarray, v: np.ndarray, offset: np.ndarray | float) -> np.ndarray:
         """(..., 3) of places on the surface or off it."""
@@ -102,14 +118,17 @@ class Back:
         room = self.width / 2
         sides = self.thickness * sin / (1 + self.thickness * sin / room)
         half = np.maximum(room - sides * (1 - offset / self.thickness), 0.3 * room)
-        x = half * np.sin(self.arc * u) / sin
-        forward = self.wrap * (1 - np.cos(self.arc * u)) / (1 - cos)
-        deep = offset * np.cos(self.arc * u)
-        y = self.profile(v) - forward + deep * np.hypot(1, self.tangent(v))
+        along, (front, slope) = self.arc * u, self.profile(v)
+        across = np.cos(along)
+        forward, deep = self.wrap / (1 - cos) * (1 - across), offset * across
         # The lower end follows the seat.
-        start = self.profile(np.zeros(())) - forward + deep * math.hypot(1, math.tan(math.radians(self.rake)))
+        start = self.front - forward + deep * math.hypot(1, self.lean)
         low = self.floor.z + self.floor.slope * start
-        return np.stack(np.broadcast_arrays(x, y, low + (self.top - low) * v), -1)
+        x = half * (1 + self.flare * v) * np.sin(along) / sin
+        y = front - forward + deep * np.sqrt(1 + slope * slope)
+        out = np.empty((*np.broadcast_shapes(x.shape, y.shape), 3))
+        out[..., 0], out[..., 1], out[..., 2] = x, y, low + (self.top - low) * v
+        return out
 
     @cached_property
     def side(self) -> float:
@@ -158,7 +177,7 @@ def shell(back: Back, depth: float) -> list[Part]:
 
 def hbars(back: Back, count: int, fill: float) -> list[Part]:
     """Bars from side to side between two posts; `fill`: the share of its room that a bar takes."""
-    u, v = np.array([1 - back.post, 1]), np.linspace(0, 1, ROWS)[:, None]
+    u, v = np.array([1 - back.post, 1]), UP[:, None]
     parts = [back.sheet(f"back post {side}", np.sort(sign * u), v) for side, sign in (("left", 1), ("right", -1))]
     pitch = (1 - back.gap) / count
     across = np.linspace(-1, 1, 9) * (1 - back.post / 2)
@@ -172,15 +191,14 @@ def hbars(back: Back, count: int, fill: float) -> list[Part]:
 def frame(back: Back) -> list[Part]:
     """Posts joined by a rail along the top, in one piece, and a lower rail where there is a gap."""
     radius_u, radius_v = back.corner
-    wide, high = back.post, back.rail
-    turn = np.linspace(0, np.pi / 2, 4)
+    wide, high = back.post, back.upper
     sides = []
     for inset_u, inset_v in ((0.0, 0.0), (wide, high)):  # the outer edge, the inner edge
         most_u, most_v = max(radius_u, inset_u * 1.02), max(radius_v, inset_v * 1.02)
-        u = -1 + most_u - (most_u - inset_u) * np.cos(turn)
-        v = 1 - most_v + (most_v - inset_v) * np.sin(turn)
-        u = np.concatenate([np.full(3, inset_u - 1), u, (1 - most_u) * MIDDLE[:3]])
-        v = np.concatenate([np.arange(3) / 3 * (1 - most_v), v, np.full(3, 1 - inset_v)])
+        u = -1 + most_u - (most_u - inset_u) * TURN[0]
+        v = 1 - most_v + (most_v - inset_v) * TURN[1]
+        u = np.concatenate([np.full(len(UP) - 1, inset_u - 1), u, (1 - most_u) * ACROSS])
+        v = np.concatenate([UP[:-1] * (1 - most_v), v, np.full(len(ACROSS), 1 - inset_v)])
         # The other half mirrors all but the middle.
         sides.append((np.concatenate([u, -u[-2::-1]]), np.concatenate([v, v[-2::-1]])))
     (u0, v0), (u1, v1) = sides
@@ -188,7 +206,7 @@ def frame(back: Back) -> list[Part]:
     parts = [loft("back frame", back.points(u, v, back.thickness * np.array([0.0, 0, 1, 1])))]
     if low := _lower(back):
         across = np.linspace(-1, 1, 9) * (1 - wide / 2)
-        rows = np.array([[low], [low + high]])
+        rows = np.array([[low], [low + back.rail]])
         parts.append(back.sheet("back rail", across, rows, 0.1, 0.9))
     return parts
 
@@ -209,12 +227,12 @@ def splat(back: Back, fill: float) -> list[Part]:
     return [*frame(back), board]
 
 
-def cross(back: Back) -> list[Part]:
-    """A frame with two crossed bars, one before the other."""
+def cross(back: Back, fill: float) -> list[Part]:
+    """A frame with two crossed bars, one before the other; `fill`: twice a bar's share of the room at its ends."""
     inner = 1 - back.post / 2
     low, high = (float(v[0]) for v in _within(back, np.array([inner])))
     share = np.linspace(-1, 1, 8)[:, None]
-    half = 0.8 * min(back.post, 0.2) * np.array([-1, 1])
+    half = fill / 2 * (1 - back.post) / 2 * np.array([-1, 1])
     v = low + (share + 1) / 2 * (high - low) + np.zeros(2)
     reach = inner - half[1]
     return [
@@ -225,9 +243,9 @@ def cross(back: Back) -> list[Part]:
 
 
 def cushion(back: Back, thickness: float, low: float) -> Part:
-    """A domed cushion before the back, from `low` (a share of its height) nearly to its top."""
-    u = 0.9 * np.linspace(-1, 1, 6)
-    v = low + np.linspace(0, 1, 5)[:, None] * (np.minimum(back.end(u), 0.95) - low)
+    """A domed cushion before the back, from `low` (a share of its height) to its top, or a frame's rail."""
+    u, high = 0.9 * np.linspace(-1, 1, 6), max(0.95, 1 - back.upper / 2)
+    v = low + np.linspace(0, 1, 5)[:, None] * (np.minimum(back.end(u), high) - low)
     swell = np.pad(np.ones((3, 4)), 1, constant_values=0.4)
     return sheet("back cushion", back.points(u, v, -thickness * swell), back.points(u, v, np.zeros((5, 6))))
 
@@ -240,7 +258,7 @@ def _lower(back: Back) -> float:
 def _within(back: Back, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """v of the ends of upright bars at u: within the rails, or on the seat."""
     low = _lower(back)
-    return np.full(len(u), low + back.rail / 2 if low else 0.0), back.end(u) - back.rail / 2
+    return np.full(len(u), low + back.rail / 2 if low else 0.0), back.end(u) - back.upper / 2
 
 
 def _strips(

@@ -1,4 +1,4 @@
-"""Soft pillows: two bulging sheets sewn together along their rim. Plain arrays, no Blender."""
+"""Cushions, from crisp to plump, and soft pillows: two bulging sheets sewn together along their rim."""
 
 from __future__ import annotations
 
@@ -6,13 +6,45 @@ from functools import lru_cache
 
 import numpy as np
 
+from procmodels.parts.primitives import loft, rounded
+from procmodels.parts.topology import corner_signs
 from procmodels.shape import Part, Polygon
 
 CELLS = 10  # along each side of a sheet; even, so that the mesh is symmetric
 PINCH = 0.08  # how far the middle of a side is pulled in, of half the pillow's size: the corners stand out
 FULLNESS = 0.8  # exponent of the bulge: smaller is plumper
 SEAM = 0.3  # height of the seam, of the pillow's thickness
+CRISP, PLUMP = 0.06, 0.5  # radius of a cushion's edges, of its thickness
+CROWN = 0.3  # the most that the middle of a plump cushion rises over its edges, of its thickness
+# A cushion's rings from its underside: height and inset in edge radii, counted from below, then from the crown's foot.
+_BELOW = np.array([(0.0, 1.0), (0.3, 0.3), (1.0, 0.0)])
+_ABOVE = np.array([(-1.0, 0.0), (-0.3, 0.3), (0.0, 1.0)])
 PRESSED = 0.7  # where the bulge is higher than this, the underside lies flat
+
+
+def cushion(name: str, outline: np.ndarray, low: float, high: float, softness: float) -> Part:
+    """A cushion lying flat: a convex outline (n, 2), counter-clockwise from above, between two heights.
+
+    softness  0: crisp edges and a level top; 1: round edges and a domed top
+    """
+    thickness, middle = high - low, (outline.min(0) + outline.max(0)) / 2
+    size = np.ptp(outline, axis=0)
+    radius = min(thickness * (CRISP + (PLUMP - CRISP) * softness) * (1 - CROWN * softness), 0.3 * size.min())
+    foot = high - CROWN * softness * thickness
+    heights = np.concatenate([low + radius * _BELOW[:, 0], foot + radius * _ABOVE[:, 0], [high]])
+    insets = np.concatenate([radius * _BELOW[:, 1], radius * _ABOVE[:, 1], [0.38 * size.min()]])
+    rings = np.empty((7, len(outline), 3))
+    rings[:, :, :2] = middle + (outline - middle) * (1 - 2 * insets[:, None] / size)[:, None]
+    rings[:, :, 2] = heights[:, None]
+    return loft(name, rings)
+
+
+def square(low: tuple[float, float], high: tuple[float, float], softness: float) -> np.ndarray:
+    """(n, 2) outline of a cushion between two corners, its own corners rounder the softer it is."""
+    (x0, y0), (x1, y1) = low, high
+    corner = (0.03 + 0.17 * softness) * min(x1 - x0, y1 - y0)
+    sides = np.array([x1 - x0, y1 - y0]) - 2 * corner
+    return rounded(2 * corner, 2 * corner, 1.0, arc=3) + corner_signs(3) * sides / 2 + np.array([x0 + x1, y0 + y1]) / 2
 
 
 def pillow(name: str, middle: tuple[float, float, float], width: float, depth: float, thickness: float) -> Part:

@@ -163,9 +163,12 @@ def fold(front: Leg, rear: Leg, under: Plane) -> list[Part]:
     return parts
 
 
-def star(radius: float, arms: int, castors: bool, size: float, under: Plane, ring: float | None = None) -> list[Part]:
-    """A column on arms that reach out along the floor, or over it on castors; the first points to the rear.
+def star(
+    radius: float, arms: int, turn: float, castors: bool, size: float, under: Plane, ring: float | None = None
+) -> list[Part]:
+    """A column on arms that reach out along the floor, or over it on castors.
 
+    turn  of the first arm away from the rear, of the angle between two
     ring  share of the column's height at which it carries a ring for the feet; None: it has none
     """
     height = under.at(0)
@@ -177,10 +180,10 @@ def star(radius: float, arms: int, castors: bool, size: float, under: Plane, rin
     wheels = cylinder("", wheel, (radius, -0.6 * wheel, wheel), (radius, 0.6 * wheel, wheel), 10) if castors else None
     parts = _column(hub - arm, size, under, ring, 0.7 * radius)
     for i in range(arms):
-        turn = rotation("Z", 90 + 360 * i / arms)
+        about = rotation("Z", 90 + 360 * (i + turn) / arms)
         for name, part in (("star arm", member), ("castor", wheels)):
             if part is not None:
-                moved = part.moved(turn)
+                moved = part.moved(about)
                 parts.append(Part(f"{name} {i + 1}", moved.vertices, moved.faces, moved.convex))
     return parts
 

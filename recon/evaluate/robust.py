@@ -154,8 +154,8 @@ def knocked(pose: np.ndarray) -> np.ndarray:
 
 def judged(poses: Poses, masks: Silhouettes) -> Silhouettes:
     """The masks that contradict the others put aside, as the silhouette stage does."""
-    used, reasons = judge(poses.cameras, list(masks.masks), masks.used, None, SilhouetteOptions())
-    return replace(masks, used=used, reasons=tuple(reasons))
+    found = judge(poses.cameras, list(masks.masks), masks.used, None, SilhouetteOptions())
+    return replace(masks, used=found.used, reasons=found.reasons, misplaced=found.misplaced)
 
 
 def distance(model: Model, scene: Scene, mesh: trimesh.Trimesh) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from procmodels import Model
 from procmodels.space import Params
-from recon.fitting import beliefs, uncertainty
+from recon.fitting import beliefs, moves, uncertainty
 from recon.fitting.moves import Face
 from recon.fitting.one_view import CameraSearchOptions, OneView, ViewProblem, distinct, problem_of, starts
 from recon.fitting.refine import Refined, turned
@@ -58,6 +58,7 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     begun = starts(problem, bank, options, options.starts)
     polished = distinct(problem, [coarse.step(s, options.coarse.steps[0]) for s in begun], options.finals, 2)
     improved = fine.ranked(fine.improved(s) for s in polished)
+    improved = _mixed(fine, improved, [*polished, *begun])
     finals = fine.ranked([*map(fine.finished, improved[: options.finished]), *improved[options.finished :]])
     best, near_by = turned(fine, finals[0])
     mean_iou = problem.agreement(best)
@@ -78,6 +79,14 @@ def find(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions =
     return FoundView(
         refined, _K(view, problem, best), problem.placement.views.cam_from_world[0], *problem.direction(best)
     )
+
+
+def _mixed(search: Search, states: list[State], donors: list[State]) -> list[State]:
+    """The states, best first, and one more that has a group of its parameters from another answer, where that helps."""
+    best, tries = states[0], search.schedule.far
+    tried = moves.grafts(search.problem, [*states[1:], *donors])
+    mixed = search.best_of(best, tried, tries) if tries else best
+    return states if search.cost(mixed) >= search.cost(best) else [search.improved(mixed), *states]
 
 
 def first_look(model: Model, view: OneView, bank: Bank, options: CameraSearchOptions = CameraSearchOptions()) -> float:

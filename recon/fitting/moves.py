@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -64,6 +64,24 @@ class Jump:
 
 
 @dataclass(frozen=True)
+class Graft:
+    """One group of parameters as another shape has it: that back on this seat."""
+
+    group: str
+    units: np.ndarray  # of that shape's scalars
+    choices: Params
+
+    def applied(self, problem: Problem, state: State) -> State:
+        names = {p.name for p in problem.model.space.groups[self.group]}
+        units = np.where([s.name in names for s in problem.scalars], self.units, state.units)
+        choices = {name: self.choices[name] if name in names else value for name, value in state.choices.items()}
+        return problem.held(replace(state, units=units, choices=choices))
+
+    def __str__(self) -> str:
+        return f"another {self.group}"
+
+
+@dataclass(frozen=True)
 class Both:
     """One move after the other."""
 
@@ -86,6 +104,22 @@ def choices(problem: Problem, state: State) -> Iterator[Choose]:
                 yield Choose(((p.name, value),))
 
 
+def woken(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Move]:
+    """Every change of one choice that lets others do something which did nothing, with one of these elsewhere: a
+    stretcher at the wrong height looks worse than none, as do five bars where there are six."""
+    before, moving = problem.active(state), problem.movable(state)
+    for choice in choices(problem, state) if units else ():
+        after = choice.applied(problem, state)
+        fresh = problem.active(after) - before
+        for p in problem.model.space.discrete:
+            for i in range(p.grid_steps if p.name in fresh else 0):
+                if (value := p.grid_value(i)) != after.choices[p.name]:
+                    yield Choose((*choice.values, (p.name, value)))
+        for i in np.flatnonzero(problem.movable(after) & ~moving):
+            for unit in units:
+                yield Both(choice, Jump(int(i), unit))
+
+
 def fronts(problem: Problem, state: State) -> Iterator[Face]:
     """Every other front."""
     count = problem.placement.fronts
@@ -98,6 +132,13 @@ def jumps(problem: Problem, state: State, units: Sequence[float]) -> Iterator[Ju
     for i in np.flatnonzero(problem.movable(state)):
         for unit in units:
             yield Jump(int(i), unit)
+
+
+def grafts(problem: Problem, donors: Iterable[State]) -> Iterator[Graft]:
+    """Every group of every donor."""
+    for donor in donors:
+        for group in problem.model.space.groups:
+            yield Graft(group, donor.units, donor.choices)
 
 
 def combinations(

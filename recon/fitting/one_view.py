@@ -30,12 +30,12 @@ class CameraSearchOptions:
     levels: tuple[Level, ...] = (Level(4, blur=2), Level(2, blur=1), Level(1, blur=2))
     placed: int = 40  # views of the bank that are drawn exactly
     starts: int = 12  # of these, that are polished coarsely
-    finals: int = 5  # of these, whose discrete parameters are searched
+    finals: int = 3  # of these, whose discrete parameters are searched
     finished: int = 2  # of these, that are polished to the end
     coarse: Schedule = field(default_factory=lambda: Schedule(steps=(4, 3, 4), levels=(0, 1)))
     fine: Schedule = field(
         default_factory=lambda: Schedule(
-            sweeps=4, tries=4, steps=(4, 4, 6), levels=(0, 1), settle=(0.04, 0.015, 0.005, 0.002)
+            sweeps=4, tries=4, far=8, steps=(4, 4, 6), levels=(0, 1), settle=(0.04, 0.015, 0.005, 0.002)
         )
     )
     near: float = 25.0  # degrees between a known view direction and views of the bank

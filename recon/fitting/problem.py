@@ -17,12 +17,12 @@ import numpy as np
 from procmodels import Model
 from procmodels.shape import Shape
 from procmodels.space import Params
+from recon.fitting.nearby import Nearby, around
 from recon.fitting.state import Jacobian, Placement, Posed, State, Target
 from recon.fitting.usual import Usual
 
-STEP = 2e-3  # of a scalar's range: what its finite difference of builds is taken over
-WIDE = 0.03  # the same where no small step will do
-KEPT = 400  # shapes
+WIDE = 0.03  # of a scalar's range: what a finite difference is taken over where no small step will do
+KEPT, KEPT_NEARBY = 400, 60  # shapes, and combinations of choices
 
 
 class Problem:
@@ -37,6 +37,12 @@ class Problem:
         self.builds = 0
         self._shapes: dict[tuple, Shape] = {}
         self._losses: dict[tuple, float] = {}
+        self._nearby: dict[tuple, Nearby] = {}
+
+    def forget(self) -> None:
+        """What was kept: for those who measure."""
+        for kept in (self._shapes, self._losses, self._nearby):
+            kept.clear()
 
     # States
 
@@ -125,15 +131,14 @@ class Problem:
 
     def linearised(self, state: State, level: int) -> tuple[np.ndarray, Jacobian]:
         """The residuals (m,) of a state and their derivatives by the n + k numbers of `moved`, 0 for what is held."""
-        posed, free = self.posed(state), self.free(state)
-        nearby = self.nearby(state, posed)
-        met, J = self.target.linearised(posed, level, self.velocities(state, posed, nearby) * free)
-        if unseen := [int(i) for i in np.flatnonzero(self.movable(state)) if i not in nearby]:
+        posed, free, near = self.posed(state), self.free(state), self.nearby(state)
+        met, J = self.target.linearised(posed, level, self.velocities(state, posed, near) * free)
+        if unseen := [int(i) for i in np.flatnonzero(self.movable(state)) if i not in near.steps]:
             J = Jacobian.of(J.dense())
             for i in unseen:
                 J.block[:, i] = self._drawn_slope(state, posed, i, level)
         root = np.sqrt(self.target.weight)
-        unusual, slopes = root * self._priors(posed, state), root * self._prior_slopes(state, posed, nearby)
+        unusual, slopes = root * self._priors(posed, state), root * self._prior_slopes(state, posed, near)
         m, more = len(met), len(unusual)
         rows = np.concatenate([J.rows, m + np.arange(more)])
         return np.concatenate([met, unusual]), Jacobian(m + more, rows, np.concatenate([J.block, slopes]))
@@ -145,31 +150,30 @@ class Problem:
         there = self.posed(self.moved(state, step * np.eye(len(state.units) + len(self.placement.free))[i]))
         return (self.target.residuals(there, level, posed) - self.target.residuals(posed, level, posed)) / step
 
-    def nearby(self, state: State, posed: Posed) -> dict[int, tuple[float, Posed]]:
-        """By number of a scalar that does something: a small step of it and the shape there."""
-        near = {int(i): self._near(state, posed, int(i)) for i in np.flatnonzero(self.movable(state))}
-        return {i: found for i, found in near.items() if found is not None}
+    def nearby(self, state: State) -> Nearby:
+        """Shapes round the state's, or round one close by: what moves a vertex there moves it here."""
+        shape, movable = self.shape(state), self.movable(state)
+        key = (*state.choices.values(), movable.tobytes())
+        known = self._nearby.get(key)
+        if known is None or not known.serves(state.units, shape):
+            if len(self._nearby) > KEPT_NEARBY:
+                self._nearby.clear()
+            values = self._values(state)
+            known = self._nearby[key] = around(self.model, values, state.units, np.flatnonzero(movable), shape)
+            self.builds += len(known.steps)
+        return known
 
-    def _near(self, state: State, posed: Posed, i: int) -> tuple[float, Posed] | None:
-        """A step of scalar i and the shape there, made of the same vertices; None when there is none either way."""
-        steps = (-STEP, STEP) if state.units[i] > 0.5 else (STEP, -STEP)
-        for step in steps:
-            if 0 <= state.units[i] + step <= 1:
-                there = self.posed(self.moved(state, step * np.eye(len(state.units) + len(self.placement.free))[i]))
-                if _alike(posed.shape, there.shape):
-                    return step, there
-        return None
-
-    def velocities(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
+    def velocities(self, state: State, posed: Posed, near: Nearby) -> np.ndarray:
         """(vertices, 3, n + k), or view by view: how they move with each number of the state, in the shape's frame."""
-        vertices = posed.shape.vertices()
-        scalars = np.zeros((*vertices.shape, len(state.units)))
-        for i, (step, there) in nearby.items():
-            after = there.shape.vertices()
-            if there.target_from_shape is not posed.target_from_shape:
-                back = np.linalg.inv(posed.target_from_shape) @ there.target_from_shape
-                after = after @ back[:3, :3].T + back[:3, 3]
-            scalars[..., i] = (after - vertices) / step
+        scalars = np.zeros((*posed.shape.vertices().shape, len(state.units)))
+        here = self.placement.posed(near.shape, state.place, state.front)
+        before, back = near.shape.vertices(), np.linalg.inv(here.target_from_shape)
+        for i, (step, shape) in near.steps.items():
+            there, after = self.placement.posed(shape, state.place, state.front), shape.vertices()
+            if not np.array_equal(there.target_from_shape, here.target_from_shape):
+                moved = back @ there.target_from_shape
+                after = after @ moved[:3, :3].T + moved[:3, 3]
+            scalars[..., i] = (after - before) / step
         place = self.placement.velocities(posed, state.place)
         if place.ndim == 4:
             scalars = np.broadcast_to(scalars, (len(place), *scalars.shape))
@@ -180,23 +184,21 @@ class Problem:
         off = np.sqrt(self.target.usual) * self.usual.deviations(state.units)
         return np.concatenate([self.placement.priors(posed, state.place), off])
 
-    def _prior_slopes(self, state: State, posed: Posed, nearby: Mapping[int, tuple[float, Posed]]) -> np.ndarray:
+    def _prior_slopes(self, state: State, posed: Posed, near: Nearby) -> np.ndarray:
         """(r, n + k) derivatives of the priors: of places by finite differences, which need no drawing."""
-        priors, n, k = self.placement.priors, len(state.units), len(self.placement.free)
-        here = priors(posed, state.place)
+        n, k = len(state.units), len(self.placement.free)
+
+        def priors(shape: Shape, place: np.ndarray) -> np.ndarray:
+            return self.placement.priors(self.placement.posed(shape, place, state.front), place)
+
+        here = self.placement.priors(posed, state.place)
         out = np.zeros((len(here), n + k))
-        for i, (step, there) in nearby.items() if len(here) else ():
-            out[:, i] = (priors(there, state.place) - here) / step
-        for i in np.flatnonzero(self.placement.free) if len(here) else ():
-            place = self.placement.moved(state.place, 1e-5 * np.eye(k)[i])
-            moved = self.placement.posed(posed.shape, place, state.front)
-            out[:, n + i] = (priors(moved, place) - here) / 1e-5
+        if len(here):
+            there = priors(near.shape, state.place)
+            for i, (step, shape) in near.steps.items():
+                out[:, i] = (priors(shape, state.place) - there) / step
+            for i in np.flatnonzero(self.placement.free):
+                place = self.placement.moved(state.place, 1e-5 * np.eye(k)[i])
+                out[:, n + i] = (priors(posed.shape, place) - here) / 1e-5
         off = np.sqrt(self.target.usual) * self.usual.slopes * self.movable(state)
         return np.concatenate([out, np.pad(off, ((0, 0), (0, k)))])
-
-
-def _alike(a: Shape, b: Shape) -> bool:
-    """Whether two shapes are made of the same parts with the same faces."""
-    return len(a.parts) == len(b.parts) and all(
-        len(p.vertices) == len(q.vertices) and p.faces == q.faces for p, q in zip(a.parts, b.parts, strict=True)
-    )

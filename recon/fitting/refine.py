@@ -41,9 +41,10 @@ class RefineOptions:
     levels: tuple[Level, ...] = (Level(4, blur=1), Level(2, blur=1), Level(1, blur=2))  # the last is polished by once
     candidates: int = 8  # of the fit's, that are polished at all
     each: int = 2  # of these, at most, that face one way
+    kept: int = 1  # of these, whose choices are searched
     sweeps: int = 3  # rounds over the discrete parameters and fronts
     tries: int = 4  # the most promising changes of a round that are polished
-    far: int = 8  # combinations of choices that are polished, when the answer is not good
+    far: int = 8  # shapes with parts of others that are polished, when the answer is not good
     good: float = 0.005  # 1 - mean IoU of an answer that needs no other choices
     steps: tuple[int, int, int] = (5, 3, 10)  # Gauss-Newton steps a level: of a candidate, of a change, of the answer
 
@@ -53,7 +54,7 @@ class RefineOptions:
         return Schedule(
             starts=self.candidates,
             each=self.each,
-            kept=1,
+            kept=self.kept,
             sweeps=self.sweeps,
             tries=self.tries,
             far=self.far,

@@ -33,8 +33,9 @@ class Schedule:
     gain: float = 1e-3  # share of the loss that a round must win
     fronts: bool = True  # other fronts are among the moves
     jumps: tuple[float, ...] = ()  # where else in its range a scalar is tried
+    woken: tuple[float, ...] = (0.2, 0.5, 0.8)  # where one is tried that a choice lets do something
     far: int = 0  # tries among combinations, when the answer is not good
-    combined: int = 256  # combinations of choices that are looked at for it
+    combined: int = 256  # combinations of choices that are looked at for it, where parameters are not grouped
     levels: tuple[int, ...] | None = None  # of the target, on the way; None for all
     steps: tuple[int, int, int] = (3, 2, 8)  # of a start, of a move, of the last polish at each level
     settle: tuple[float, ...] = ()  # sizes of the last steps, by the loss itself (gauss_newton.settled)
@@ -96,13 +97,15 @@ class Search:
     def moves(self, state: State) -> Iterator[Move]:
         """What is tried in a round."""
         yield from moves.choices(self.problem, state)
+        yield from moves.woken(self.problem, state, self.schedule.woken)
         if self.schedule.fronts:
             yield from moves.fronts(self.problem, state)
         yield from moves.jumps(self.problem, state, self.schedule.jumps)
 
     def best_of(self, state: State, tried: Iterable[Move], tries: int) -> State:
         """The best of the most promising moves, polished; the state itself if there are none."""
-        others = self.ranked(m.applied(self.problem, state) for m in tried)[:tries]
+        changed = {s.key: s for s in (m.applied(self.problem, state) for m in tried) if s.key != state.key}
+        others = self.ranked(changed.values())[:tries]
         return min((self.step(s, self.schedule.steps[1]) for s in others), key=self.cost, default=state)
 
     def improved(self, state: State) -> State:
@@ -114,8 +117,12 @@ class Search:
             state = best
         return state
 
-    def distant(self, state: State) -> Iterator[Move]:
-        """Combinations of choices, and one choice together with a scalar elsewhere."""
+    def distant(self, state: State, starts: list[State]) -> Iterator[Move]:
+        """Single groups of parameters as other starts have them; where parameters are not grouped, combinations of
+        choices, and one choice together with a scalar elsewhere."""
+        if len(self.problem.model.space.groups) > 1:
+            yield from moves.grafts(self.problem, starts)
+            return
         yield from moves.combinations(self.problem, self.schedule.combined, np.random.default_rng(0))
         for choice in moves.choices(self.problem, state):
             for jump in moves.jumps(self.problem, state, self.schedule.jumps):
@@ -136,7 +143,7 @@ class Search:
             if loss(best) > self.schedule.good or self.schedule.good <= 0:
                 best = min(best, self.finished(self.improved(s)), key=loss)
         if self.schedule.far and loss(best) > self.schedule.good:
-            far = self.best_of(best, self.distant(best), self.schedule.far)
+            far = self.best_of(best, self.distant(best, starts), self.schedule.far)
             best = min(best, self.finished(self.improved(far)), key=loss)
         return best
 

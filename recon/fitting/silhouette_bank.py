@@ -30,8 +30,10 @@ _BITS = np.array([bin(i).count("1") for i in range(1 << 16)], np.uint8)
 class BankOptions:
     """What the bank holds."""
 
-    shapes: int = 160  # parameter sets
-    azimuth_step: float = 15.0  # degrees
+    shapes: int = 720  # parameter sets; a rich class is better seen from few sides each than seldom
+    azimuth_step: float = 60.0  # degrees, from a random first one
+    few: int = 160  # parameter sets of a class that takes long to build; these, and one shape alone, are seen
+    fine_step: float = 15.0  # from so many sides
     elevations: tuple[float, ...] = (3.0, 16.0, 28.0, 42.0)  # degrees; each shape varies them by up to `jitter`
     jitter: float = 6.0  # degrees
     distances: tuple[float, ...] = (1.6, 2.4, 4.5)  # object sizes, one a shape in turn
@@ -89,27 +91,32 @@ def load_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0,
 def make_bank(model: Model, options: BankOptions = BankOptions(), seed: int = 0) -> Bank:
     """Draw the bank: every shape in a ring of azimuths at each elevation."""
     rng = np.random.default_rng(seed)
+    slow = model.live_object is not None  # Blender's nodes build it
+    count, step = (options.few, options.fine_step) if slow else (options.shapes, options.azimuth_step)
     params, rows = [], []
-    for i in range(options.shapes):
-        params.append(_plain(_spread_sample(model, i, options.shapes, rng)))
+    for i in range(count):
+        params.append(_plain(_spread_sample(model, i, count, rng)))
         tilt = np.array(options.elevations) + rng.uniform(-options.jitter, options.jitter, len(options.elevations))
         distance = options.distances[i % len(options.distances)]
-        rows += _ring(model.build(params[i]), tilt, i, distance, options)
+        azimuths = np.arange(rng.uniform(0, step), 360, step)
+        rows += _ring(model.build(params[i]), azimuths, tilt, i, distance, options)
     return _bank(params, rows)
 
 
 def shape_bank(model: Model, params: Params, options: BankOptions = BankOptions()) -> Bank:
     """A bank of one shape alone, for when only the camera is sought."""
     tilt, middle = np.array(options.elevations), options.distances[len(options.distances) // 2]
-    return _bank([params], _ring(model.build(params), tilt, 0, middle, options))
+    azimuths = np.arange(0, 360, options.fine_step)
+    return _bank([params], _ring(model.build(params), azimuths, tilt, 0, middle, options))
 
 
 _Row = tuple[np.ndarray, np.ndarray, tuple[float, ...]]  # bits, box, (shape, azimuth, elevation, distance)
 
 
-def _ring(shape: Shape, tilt: np.ndarray, index: int, distance: float, options: BankOptions) -> list[_Row]:
-    """A shape's views from all azimuths at each elevation of `tilt`."""
-    azimuths = np.arange(0, 360, options.azimuth_step)
+def _ring(
+    shape: Shape, azimuths: np.ndarray, tilt: np.ndarray, index: int, distance: float, options: BankOptions
+) -> list[_Row]:
+    """A shape's views from the azimuths at each elevation of `tilt`."""
     mirrored = _mirrored(shape.vertices())
     ring = azimuths[azimuths <= 180] if mirrored else azimuths
     azimuth, elevation = (a.ravel() for a in np.meshgrid(ring, tilt))

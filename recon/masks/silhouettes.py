@@ -83,8 +83,8 @@ def run(
     bad = dict(reasons)
     used = np.array([name not in bad for name in cameras.names])
     hidden = {v: unknown[n] for v, n in enumerate(cameras.names) if n in unknown}
-    used, disagreeing = judge(cameras, masks, used, room, options, hidden, set(open_views))
-    reasons += disagreeing
+    judged = judge(cameras, masks, used, room, options, hidden, set(open_views))
+    used, reasons = judged.used, [*reasons, *judged.reasons]
     for name, reason in reasons:
         log.warning("%s is not used: %s", name, reason)
     for warning in warnings:
@@ -98,7 +98,26 @@ def run(
         None if room is None else room.floor, cameras.subset(trusted), [masks[v] for v in trusted], not open_views
     )
     unseen = tuple(unknown.get(name) for name in cameras.names) if unknown else ()
-    return Silhouettes(cameras.names, tuple(masks), source, used, level, tuple(reasons), unseen, tuple(warnings))
+    return Silhouettes(
+        cameras.names,
+        tuple(masks),
+        source,
+        used,
+        level,
+        tuple(reasons),
+        unseen,
+        tuple(warnings),
+        judged.misplaced,
+    )
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Which views may be used (V,) bool, (name, reason) of others, and names of those whose cameras stand elsewhere."""
+
+    used: np.ndarray
+    reasons: tuple[tuple[str, str], ...] = ()
+    misplaced: tuple[str, ...] = ()
 
 
 def _white_is_object(
@@ -162,26 +181,27 @@ def judge(
     options: SilhouetteOptions,
     hidden: dict[int, np.ndarray] | None = None,
     found: set[int] | None = None,
-) -> tuple[np.ndarray, list[tuple[str, str]]]:
-    """Which views agree with the shape that the other used views carve, and (name, reason) of those that do not.
+) -> Judged:
+    """Which views agree with the shape that the other used views carve.
 
     hidden  (H, W) bool by view, where the object may go on out of sight
     found   the views whose masks were cut out automatically: these may be a little wrong
     """
     views = np.flatnonzero(used)
     if len(views) < options.judge_least:
-        return used, []
+        return Judged(used)
     some, shown = cameras.subset(views), [masks[v] for v in views]
     possible = [masks[v] | hidden[v] if hidden and v in hidden else masks[v] for v in views]
     cells = _block(some, shown, room, 64)
     votes = consistency.votes(cells, some, shown, possible, options.judge_share, options.judge_cells)
     if votes is None:  # no common shape to measure with: do not accuse anybody
-        return used, []
+        return Judged(used)
     slack = np.array([options.judge_slack[int(found is not None and v in found)] for v in views])
     wrong = consistency.contradictions(votes, options.judge_share, slack, options.judge_least)
     used = used.copy()
     used[[views[c.view] for c in wrong]] = False
-    return used, [(some.names[c.view], _contradicts(c)) for c in wrong]
+    reasons = tuple((some.names[c.view], _contradicts(c)) for c in wrong)
+    return Judged(used, reasons, tuple(some.names[c.view] for c in wrong if c.turned is not None))
 
 
 def _contradicts(c: consistency.Contradiction) -> str:

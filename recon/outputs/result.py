@@ -81,11 +81,16 @@ class Result:
 
 def seen(result: Result) -> str:
     """The views and their cameras in words, as in "26 of 28 photos registered" or "one image, camera estimated"."""
-    n, of = len(result.scene.cameras), len(result.frames.names)
+    n, of = in_place(result), len(result.frames.names)
     if result.placed == REGISTERED:
         return f"{n} of {counted(result)} {REGISTERED}"
     some = "" if n == of else f"{n} of "
     return f"{some}{counted(result)}, camera{'s' * (of > 1)} {result.placed}"
+
+
+def in_place(result: Result) -> int:
+    """How many views have a camera, those left out that were found to stand in the wrong place."""
+    return len(result.scene.cameras) - len(result.scene.silhouettes.misplaced)
 
 
 def counted(result: Result) -> str:

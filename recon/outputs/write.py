@@ -24,7 +24,7 @@ from procmodels.space import Choice, Integer, Parameter, Scalar
 from recon.fitting.uncertainty import LEVEL
 from recon.outputs import camera_export, contact_sheet, point_tiles, publish, report
 from recon.outputs.previews import render_previews
-from recon.outputs.result import Result, seen
+from recon.outputs.result import Result, in_place, seen
 from recon.system.names import all_shown
 from recon.system.whole_files import write_picture
 
@@ -124,10 +124,11 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
         **_certainty(result),
         "alternatives": _alternatives(result),
         "registered": {
-            "n": len(result.scene.cameras),
+            "n": in_place(result),
             "of": len(result.frames.names),
             "how": seen(result),
             "missing": list(result.scene.poses.unregistered),
+            "misplaced": list(result.scene.silhouettes.misplaced),
             "unreadable": [{"name": name, "reason": reason} for name, reason in result.frames.skipped],
         },
         "views": views,

@@ -10,7 +10,7 @@ from procmodels import Model
 from recon import scene
 from recon.cameras import known_cameras, poses, register_missing, turntable
 from recon.cameras.sfm_options import PosesOptions
-from recon.files import frames, mask_images, video
+from recon.files import frames, mask_images, video, zipped
 from recon.fitting import quality, refine, uncertainty
 from recon.fitting import view_starts as fit
 from recon.geometry import align
@@ -35,7 +35,7 @@ class ReconOptions:
     """What the user asked for, and the options of every stage."""
 
     class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
-    masks: Path | None = None  # folder of the user's own masks
+    masks: Path | None = None  # folder, or zip file, of the user's own masks
     height: float | None = None  # real height of the object in metres
     seed: int = 0
     redo: Redo = field(default_factory=Redo)
@@ -84,7 +84,7 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
     stages = Stages(work, STAGES, dataclasses_of(*KNOWN), [source.key, options.seed], options.redo)
 
     shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
-    drawn = options.masks or (source.cameras.masks if source.cameras else None)
+    drawn = unpacked(options.masks, work) or (source.cameras.masks if source.cameras else None)
     masks_key = "none" if drawn is None else digest_of(mask_images.files(drawn), drawn)
     looked_at = masks_key if source.cameras or options.poses.turntable else "none"
     placed = stages.run("poses", [options.poses, looked_at], lambda: _placed(shots, source, drawn, work, options))
@@ -110,6 +110,11 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
     result = results.of_views(chosen.model, shots, seen, chosen.refined, verdict, about)
     stages.last()
     return outputs.run(result, out, options.outputs, chosen.model)
+
+
+def unpacked(masks: Path | None, work: Path) -> Path | None:
+    """The folder of the user's own masks, which may come as a zip file. Raises InputError."""
+    return zipped.unpack(masks, work / "masks_unzipped") if masks and zipped.photos_in(masks) else masks
 
 
 def _placed(
@@ -155,7 +160,7 @@ def _seeded(options: ReconOptions) -> ReconOptions:
 def _checked(photos: Path, options: ReconOptions) -> list[Model]:
     """The models to try; everything else that can be found wrong before minutes are spent. Raises InputError."""
     photo_source.check(photos, options.cameras)
-    if options.masks is not None:
+    if options.masks is not None and not zipped.photos_in(options.masks):
         mask_images.files(options.masks)
     options.redo.check(STAGES)
     return _with_weights(options.class_name)

@@ -113,7 +113,7 @@ def test_gaps_of_a_sparse_cloud_say_nothing(armchair):
 
 def test_unusual_values_are_told_from_usual_ones():
     usual, _ = shape_of()
-    odd, _ = shape_of(base="fold", back="cross", seat_height=0.88, width=1.6)
+    odd, _ = shape_of(base="fold", back="cross", seat_height=0.88, width=1.6, back_flare=0.35)
     assert evidence.looks(SPACE, usual)[0] < 0.1
     assert evidence.looks(SPACE, odd)[0] > 1
     assert evidence.looks(SPACE, odd)[1] > evidence.looks(SPACE, usual)[1] == 0

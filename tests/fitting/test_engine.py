@@ -106,7 +106,7 @@ def test_a_state_moves_its_vertices_and_pixels_as_derivatives_say(problems, name
         drawn = coverage(there.shape, there.K, there.cam_from_shape, sizes, dtype=np.float64)
         return np.concatenate([image.ravel() for image in drawn])
 
-    velocities = problem.velocities(state, posed, problem.nearby(state, posed))
+    velocities = problem.velocities(state, posed, problem.nearby(state))
     _, slopes = coverage_slopes(posed.shape, posed.K, posed.cam_from_shape, sizes)
     found = np.zeros((len(shares(state)), velocities.shape[-1]))
     found[slopes.pixels] = slopes.along(velocities)
@@ -179,7 +179,7 @@ def test_a_scalar_whose_step_makes_other_vertices_is_probed_the_other_way_or_hel
     odd = replace(model, build_parts=with_knob)
     problem = Problem(odd, VoxelGrid(np.zeros((64, 64, 64), bool)), Fixed())
     state = problem.state({"height_0": 0.6499, "height_1": 0.5}, np.zeros(0))
-    steps = problem.nearby(state, problem.posed(state))
+    steps = problem.nearby(state).steps
     assert steps[0][0] < 0 < steps[1][0]
 
 

@@ -41,8 +41,8 @@ def turned(cameras: Cameras, place: Canonical, views, degrees) -> Cameras:
 
 
 def judged(cameras, masks, **more):
-    used, reasons = judge(cameras, masks, np.ones(len(masks), bool), None, OPTIONS, **more)
-    return set(np.flatnonzero(~used)), dict(reasons)
+    found = judge(cameras, masks, np.ones(len(masks), bool), None, OPTIONS, **more)
+    return set(np.flatnonzero(~found.used)), dict(found.reasons)
 
 
 def test_right_views_are_all_used(scene):
@@ -62,8 +62,9 @@ def test_cameras_on_the_wrong_side_are_refused_by_name(scene, degrees):
 
 def test_where_a_camera_would_fit_is_told(scene):
     cameras, masks, place = scene
-    _, reasons = judged(turned(cameras, place, [4], 60), masks)
-    assert "about 60 degrees further round" in reasons["view_04.jpg"]
+    found = judge(turned(cameras, place, [4], 60), masks, np.ones(len(masks), bool), None, OPTIONS)
+    assert "about 60 degrees further round" in dict(found.reasons)["view_04.jpg"]
+    assert found.misplaced == ("view_04.jpg",)
 
 
 def test_a_good_view_from_a_side_that_no_other_has_is_kept(scene):

@@ -153,7 +153,7 @@ def test_similarity_loss_is_zero_for_equal_angles():
     assert similarity_loss(torch.randn(6, 5), x).item() > 0.1
 
 
-@pytest.mark.parametrize("layers", ["patch", "product", "paper", "wide"])
+@pytest.mark.parametrize("layers", ["patch", "product", "paper", "planes"])
 def test_every_weight_gets_a_gradient(layers, rng):
     network = NNProc(SPACE, NetworkConfig(layers=layers))
     vectors = network.codec.vectors([SPACE.sample(rng) for _ in range(4)])
@@ -195,9 +195,9 @@ def test_weights_round_trip_and_are_refused_for_another_space(tmp_path):
 
 
 def test_a_rich_classes_whole_network_stays_below_12_mb():
-    """Half precision; the widest layers and heads for the chair's 67 slots."""
+    """Half precision; the widest layers and heads for the chair's 70 slots."""
     space = ParamSpace("wide", (*SPACE.parameters, Choice("more", tuple(str(i) for i in range(60)))))
-    assert 2 * parameter_count(NNProc(space, NetworkConfig(layers="wide", hidden=512))) < 12e6
+    assert 2 * parameter_count(NNProc(space, NetworkConfig(layers="planes", hidden=512))) < 12e6
 
 
 @pytest.mark.parametrize("name", paper_names())
@@ -213,7 +213,7 @@ def test_shipped_weights_load_as_they_are(name):
 
 def test_an_inverse_half_is_stored_alone_and_refuses_to_draw(tmp_path):
     path = tmp_path / "stool.safetensors"
-    network = NNProc(SPACE, NetworkConfig(layers="wide", hidden=32)).eval()
+    network = NNProc(SPACE, NetworkConfig(layers="planes", hidden=32)).eval()
     network.has_decoder = False
     save_network(path, network)
     assert {k.split(".")[0] for k in load_file(path)} == {"shape_encoder", "param_decoder"}

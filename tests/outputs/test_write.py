@@ -85,6 +85,12 @@ def test_report_json(written):
     assert content["versions"] == {"python": "3.11"}
 
 
+def test_a_view_whose_camera_stands_elsewhere_is_not_counted(result):
+    masks = replace(result.scene.silhouettes, misplaced=(result.scene.silhouettes.names[0],))
+    other = replace(result, scene=replace(result.scene, silhouettes=masks))
+    assert seen(other) == "2 of 4 photos registered"
+
+
 def test_params_json_leads_from_canonical_to_metres_and_back(written, result, corners):
     content = json.loads(written.params_json.read_text())
     assert content["values"] == CHAIR

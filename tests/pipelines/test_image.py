@@ -28,7 +28,7 @@ from recon.scene import InputError
 CHAIR = {"width": 0.62, "depth": 0.47, "leg_height": 0.41, "legs": "basic", "arms": "solid", "back": "hbar"}
 SIZE = (320, 240)
 SMALL = CameraSearchOptions(
-    bank=BankOptions(shapes=64, elevations=(8.0, 26.0), jitter=8.0, azimuth_step=30.0),
+    bank=BankOptions(shapes=64, elevations=(8.0, 26.0), jitter=8.0, azimuth_step=20.0),
     placed=20,
     starts=6,
     finals=2,

@@ -1,11 +1,16 @@
 """Which flags each kind of input takes: one that it does not take is an error, never ignored."""
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from recon.files import mask_images
 from recon.files.shape import Kind, Recognised
+from recon.pipelines import photos
 from recon.pipelines.inputs import RIVALS, WAYS, Asked, way_of
 from recon.scene import InputError
 from run_recon import main, parser
@@ -92,3 +97,16 @@ def test_the_command_refuses_before_it_writes(tmp_path, capsys, words):
     assert main([str(path), "--out", str(tmp_path / "out"), *words]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("error: ")
     assert not (tmp_path / "out").exists()
+
+
+def test_masks_may_come_as_a_zip_file(tmp_path):
+    archive = tmp_path / "masks.zip"
+    picture = cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes()
+    with zipfile.ZipFile(archive, "w") as file:
+        for name in ("a.png", "b.png"):
+            file.writestr(f"masks/{name}", picture)
+    folder = photos.unpacked(archive, tmp_path)
+    assert folder is not None
+    assert {p.name for p in mask_images.files(folder)} == {"a.png", "b.png"}
+    assert photos.unpacked(folder, tmp_path) == folder
+    assert photos.unpacked(None, tmp_path) is None

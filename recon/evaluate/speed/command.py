@@ -16,11 +16,11 @@ import torch
 from tqdm import tqdm
 
 from recon.evaluate.rows import machine
-from recon.evaluate.speed import growth, limits, pairs
+from recon.evaluate.speed import derivatives, growth, limits, pairs
 from recon.evaluate.speed.rows import GROWTH, STAGE, SpeedOptions, SpeedRow
 
 HEAD = "| what | against | times as fast | s | s against | MB |\n|---|---|---|---|---|---|\n"
-PARTS = (*pairs.PARTS, *growth.PARTS, *limits.PARTS)
+PARTS = (*pairs.PARTS, *derivatives.PARTS, *growth.PARTS, *limits.PARTS)
 
 
 def run(options: SpeedOptions) -> Iterator[SpeedRow]:

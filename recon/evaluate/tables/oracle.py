@@ -22,7 +22,7 @@ from recon.fitting.shape_fit import ShapeFitOptions
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions
 
-SLOW_BUILD = 150  # random shapes for models that take long to build
+SLOW_BUILD = 150  # random shapes for node graphs, which take long to build
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def oracle(model: Model, mesh: trimesh.Trimesh, options: OracleOptions = OracleO
         for seed in options.seeds:
             target = shape_target.run(file, Kind.MESH, Kind.MESH, ShapeOptions(up="z", front="-y", seed=seed))
             search = ShapeFitOptions(
-                random=SLOW_BUILD if model.name == "sofa" else options.random,
+                random=SLOW_BUILD if model.live_object else options.random,
                 keep=options.keep,
                 fine=options.fine,
                 sweeps=options.sweeps,
