@@ -77,7 +77,7 @@ _ROOM = grouped(
     Integer("columns", 1, 5, FILLED, usual=(80, 10, 6, 3, 1), about="bays beside each other"),
     Geometric("column_ratio", 0.4, 2.5, unit=SHARE, only_if=COLUMNS, usual=(1.0, 0.3), about="inner or left bays"),
     Choice("divider", ("filled", "posts", "alternating"), DIVIDED, usual=(85, 5, 10), about="between open bays"),
-    Integer("rows", 1, 7, ROWS, usual=(10, 14, 19, 22, 18, 11, 6), about="openings above each other"),
+    Integer("rows", 1, 7, ROWS, usual=(10, 18, 24, 24, 14, 7, 3), about="openings above each other"),
     Geometric(
         "row_ratio", 0.5, 2.5, unit=SHARE, only_if=RATED, usual=(1.1, 0.3), about="of the lowest and the top row"
     ),

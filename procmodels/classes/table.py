@@ -17,12 +17,14 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from procmodels.conditions import when
 from procmodels.parameters import grouped
 from procmodels.parts import frames, fronts, legs, tops
 from procmodels.parts.frames import Angle, Ends
 from procmodels.parts.legs import Leg
-from procmodels.parts.primitives import Plane, box, mirrored
+from procmodels.parts.primitives import Plane, box, mirrored, rotation
 from procmodels.parts.sizes import inward, limited
 from procmodels.parts.tops import Top
 from procmodels.shape import Part
@@ -46,6 +48,8 @@ STRAIGHT = (CORNERED & when("round").is_(True)) | when("corner").is_("none")
 ROUNDED = SQUARE & (BASE.not_("four", "panels") | when("corner").is_("none"))
 TAPERED, LEANING = BASE.among("four", "three", "pedestal"), BASE.is_("three") | (FOUR & STRAIGHT)
 OBLONG, ENDED, HUNG = BASE.not_("pedestal", "three"), CORNERED | TRESTLE, STRAIGHT & when("blocks").is_("none")
+# Round tables have no corners that say where legs are.
+TURNED = (when("round").is_(True) & (BASE.is_("three") | when("blocks").is_("none"))) | when("foot").not_("disc")
 BARRED, SHELF, BLOCKS = when("stretchers").not_("none"), when("shelf").is_(True), when("blocks").not_("none")
 
 OF_WIDTH, OF_DEPTH = of_parameter("width"), of_parameter("depth")
@@ -72,6 +76,7 @@ _BASE = grouped(
     Scalar("splay_front", 0.0, 24.0, unit=DEGREES, only_if=FOUR & STRAIGHT, usual=(0.0, 5.0), absent=0.6, about=FEET),
     Scalar("inset_side", 0.0, 0.85, unit=HALF, only_if=BASE.not_("pedestal"), usual=(0.06, 0.12), about="of legs"),
     Scalar("inset_front", 0.0, 0.85, unit=HALF, only_if=OBLONG, usual=(0.06, 0.12), about="of legs"),
+    Scalar("turn", 0.0, 45.0, unit=DEGREES, only_if=TURNED, usual=(0.0, 15.0), absent=0.5, about="of legs or feet"),
     Scalar("post_width", 0.05, 0.9, unit=OF_DEPTH, only_if=TRESTLE, usual=(0.2, 0.15), about="of the ends' posts"),
     Choice(
         "foot", ("disc", "plate", "three", "four", "five"), PEDESTAL, usual=(45, 10, 10, 30, 5), about="of a column"
@@ -111,7 +116,17 @@ def build(params: Params) -> list[Part]:
     if p.corner != "none":
         return _angled(p)
     top = Top(p.width, p.depth, 1.0 if p.round else p.corner_round, p.z, 1.0)
-    return [top.plate("top", p.z, 1.0), *_BASES[p.base](p, top)]
+    below = _BASES[p.base](p, top)
+    if p.turn:
+        below = _turned(below, p.turn, (1.0, 1.0) if p.base == "pedestal" else (p.width, p.depth))
+    return [top.plate("top", p.z, 1.0), *below]
+
+
+def _turned(parts: list[Part], degrees: float, axes: tuple[float, float]) -> list[Part]:
+    """The parts turned about the vertical, below an ellipse of these axes along it: legs stay within the top."""
+    stretched = np.diag([*axes, 1.0, 1.0])
+    matrix = stretched @ rotation("Z", degrees) @ np.linalg.inv(stretched)
+    return [part.moved(matrix) for part in parts]
 
 
 def _size(p: Any, room: tuple[float, float]) -> float:
