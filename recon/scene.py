@@ -132,6 +132,27 @@ class Lens:
 
 
 @dataclass(frozen=True)
+class Observations:
+    """Where sparse points were measured in photos, m times.
+
+    view, point  (m,) int, of the cameras and points beside it
+    pixels       (m, 2) float, in the undistorted photo
+    """
+
+    view: np.ndarray
+    point: np.ndarray
+    pixels: np.ndarray
+
+    def __post_init__(self) -> None:
+        m = len(self.view)
+        _check(self.point.shape == (m,) and self.pixels.shape == (m, 2), "one point and one pixel a view are needed")
+
+    def subset(self, keep: np.ndarray) -> Observations:
+        """Those at these indices, in that order."""
+        return Observations(self.view[keep], self.point[keep], self.pixels[keep])
+
+
+@dataclass(frozen=True)
 class Poses:
     """Result of structure from motion.
 
@@ -141,6 +162,7 @@ class Poses:
     tracks    (n, V) bool, which camera saw which point
     unregistered  names of photos that could not be placed
     lenses    V lenses that were taken out of the photos, None where nothing was; () when nothing was anywhere
+    observations  where the points were measured, None when that is not known
     """
 
     cameras: Cameras
@@ -150,6 +172,7 @@ class Poses:
     unregistered: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     lenses: tuple[Lens | None, ...] = ()
+    observations: Observations | None = None
 
     def __post_init__(self) -> None:
         _check(len(self.lenses) in (0, len(self.cameras)), "one lens a camera is needed, or none at all")

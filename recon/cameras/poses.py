@@ -22,7 +22,7 @@ from recon.cameras.intrinsics import held
 from recon.cameras.sfm_attempts import climb
 from recon.cameras.sfm_options import LADDER, Attempt, PosesOptions
 from recon.geometry.undistort import undistorted
-from recon.scene import Cameras, Frames, InputError, Lens, Poses, ReconstructionError
+from recon.scene import Cameras, Frames, InputError, Lens, Observations, Poses, ReconstructionError
 from recon.system import scratch
 from recon.system.whole_files import write_picture
 
@@ -89,7 +89,8 @@ def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...])
         tuple(frames.names[i] for i in found.view), found.K, found.cam_from_world, frames.sizes[found.view]
     )
     missing = tuple(name for name, ok in zip(frames.names, found.registered, strict=True) if not ok)
-    return Poses(cameras, tuple(paths), found.points, found.tracks, missing, warnings, tuple(lenses))
+    measured = Observations(found.seen[:, 0], found.seen[:, 1], found.pixels)
+    return Poses(cameras, tuple(paths), found.points, found.tracks, missing, warnings, tuple(lenses), measured)
 
 
 # ---- the child process: the only place that knows pycolmap ----
@@ -216,6 +217,14 @@ def _arrays(models: list[Any], images: list[str]) -> dict[str, np.ndarray]:
     tracks = np.zeros((len(points), len(view)), bool)
     for row, (_, point) in enumerate(points):
         tracks[row, [column[e.image_id] for e in point.track.elements if e.image_id in column]] = True
+    row_of = {number: row for row, (number, _) in enumerate(points)}
+    seen, pixels = [np.zeros((0, 2), int)], [np.zeros((0, 2))]
+    for c, v in enumerate(view):
+        measured = [p for p in placed[v].points2D if p.has_point3D()]
+        seen.append(np.array([(c, row_of[p.point3D_id]) for p in measured], int).reshape(-1, 2))
+        raw = np.array([p.xy for p in measured], float).reshape(-1, 2)
+        rays = np.asarray(models[0].cameras[placed[v].camera_id].cam_from_img(raw), float).reshape(-1, 2)
+        pixels.append(np.column_stack([rays, np.ones(len(rays))]) @ K[c, :2].T)
     return {
         "view": np.array(view, int),
         "K": K,
@@ -224,6 +233,8 @@ def _arrays(models: list[Any], images: list[str]) -> dict[str, np.ndarray]:
         "points": np.array([p.xyz for _, p in points]).reshape(-1, 3),
         "tracks": tracks,
         "models": np.array([m.num_reg_images() for m in models], int),
+        "seen": np.concatenate(seen),
+        "pixels": np.concatenate(pixels),
     }
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from recon.files.shape import SHAPES, Kind, Recognised
-from recon.outputs.write import OutputPaths
+from recon.outputs.write import OutputPaths, OutputsOptions
 from recon.pipelines.stages import Redo
 from recon.scene import InputError
 
@@ -36,6 +36,7 @@ class Asked:
     intrinsics: str | None = None
     focal_mm: str | None = None
     frames: int | None = None
+    obj_up: str = "y"
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,8 @@ def _shape(asked: Asked, seen: Recognised) -> OutputPaths:
     from recon.pipelines import shape  # each where it is used: all of them together take seconds to load
 
     stands = shape.ShapeOptions(up=asked.up or "auto", front=asked.front or "auto")
-    options = shape.ShapeRunOptions(asked.class_name, asked.height, asked.seed, asked.redo, stands)
+    written = OutputsOptions(obj_up=asked.obj_up)
+    options = shape.ShapeRunOptions(asked.class_name, asked.height, asked.seed, asked.redo, stands, outputs=written)
     return shape.run(asked.source, asked.out, seen, options)
 
 
@@ -112,6 +114,7 @@ def _image(asked: Asked, seen: Recognised) -> OutputPaths:
         doubt=checked_doubt(asked.camera_off, asked.pix3d),
         intrinsics=parse_intrinsics(asked.intrinsics) if asked.intrinsics else None,
         focal_mm=parse_focal_mm(asked.focal_mm) if asked.focal_mm else None,
+        outputs=OutputsOptions(obj_up=asked.obj_up),
     )
     pipeline = mask_set if asked.source.is_dir() else image
     return pipeline.run(asked.source, asked.out, options)
@@ -137,6 +140,7 @@ def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
         focal_mm=parse_focal_mm(asked.focal_mm) if asked.focal_mm else None,
         poses=PosesOptions(turntable=asked.turntable),
         video=video,
+        outputs=OutputsOptions(obj_up=asked.obj_up),
     )
     return photos.run(asked.source, asked.out, options)
 

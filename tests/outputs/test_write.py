@@ -57,6 +57,8 @@ def test_everything_is_there_and_nothing_else(written):
     assert names == {
         "mesh.glb",
         "mesh.obj",
+        "mesh.stl",
+        "mesh.usdz",
         "model.blend",
         "params.json",
         "report.json",
@@ -67,7 +69,15 @@ def test_everything_is_there_and_nothing_else(written):
         ".recon",
     }
     assert [p.name for p in (written.folder / ".recon").iterdir()] == ["manifest.json"]
-    for path in (written.glb, written.obj, written.blend, written.report_html, written.contact_sheet):
+    for path in (
+        written.glb,
+        written.obj,
+        written.stl,
+        written.usd,
+        written.blend,
+        written.report_html,
+        written.contact_sheet,
+    ):
         assert_opens(path)
 
 
@@ -102,6 +112,8 @@ def test_params_json_leads_from_canonical_to_metres_and_back(written, result, co
     to_mesh = np.array(content["mesh_from_canonical"])
     mesh = trimesh.load_mesh(written.obj)
     moved = corners @ to_mesh[:3, :3].T + to_mesh[:3, 3]
+    assert content["obj_up"] == "y"
+    moved = moved[:, [0, 2, 1]] * (1, 1, -1)
     assert mesh.bounds == pytest.approx(np.stack([moved.min(0), moved.max(0)]), abs=1e-5)
     # SfM units to metres: the world mesh, scaled, is as large as the real one.
     world = trimesh.load_mesh(written.cameras / "mesh.obj")
@@ -119,7 +131,7 @@ def test_metres_follow_the_height_of_a_wide_object(result, model, tmp_path):
 def test_colmap_text_projects_to_the_same_pixels(written, result, corners):
     import pycolmap
 
-    model = pycolmap.Reconstruction(str(written.cameras))
+    model = pycolmap.Reconstruction(str(written.cameras / "sparse" / "0"))
     assert len(model.images) == 3
     assert len(model.points3D) == 20
     expected = cam_from_canonical(result.scene.cameras, result.scene.canonical)
