@@ -1,4 +1,4 @@
-"""The scene that save_blend left in Blender as a USD file: .usdz for phones and viewers, .usdc and .usda for programs."""
+"""The scene that save_blend left in Blender as USD: .usdz for phones and viewers, .usdc and .usda for programs."""
 
 from __future__ import annotations
 

@@ -82,12 +82,13 @@ def _told(out: np.ndarray, scale: float, paper: Paper, sheet: int, below: float)
         draw.line(_pixels(scale, left + mm, line - tall, left + mm, line), fill=0, width=thick)
     font = ImageFont.load_default(size=max(6.0, 3.2 * scale))
     for i, words in enumerate(_words(paper, sheet)):
-        draw.text(_pixels(scale, left, line + 1.5 + 4.6 * i), words, fill=0, font=font)
+        draw.text(_pixels(scale, left, line + 1.5 + 4.2 * i), words, fill=0, font=font)
     return np.asarray(picture)
 
 
 def _words(paper: Paper, sheet: int) -> tuple[str, ...]:
     return (
-        f"Print at 100 % (actual size). This ruler must measure {RULER:.0f} mm; if not, say --ruler and what it measures.",
+        f"Print at 100 % (actual size). This ruler must measure {RULER:.0f} mm; if it does not, say what it measures",
+        '(option "ruler", in mm).',
         f"Lay it flat on the floor beside the object, where most photos show it. {paper.name}, sheet {sheet}.",
     )
