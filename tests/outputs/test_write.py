@@ -168,7 +168,7 @@ def test_colmap_tracks_lead_to_the_points_that_they_are_of(written, result):
 def test_measured_pixels_are_written_where_they_are_known(result, tmp_path):
     poses = result.scene.poses
     seen = colmap_export.observations(poses)
-    moved = replace(poses, observations=Observations(seen.view, seen.point, seen.pixels + (0.3, 0.4)))
+    moved = replace(poses, observations=Observations(seen.view, seen.point, seen.pixels + np.array([0.3, 0.4])))
     colmap_export.write(tmp_path / "model", moved, ["a.png", "b.png", "c.png"])
     lines = (tmp_path / "model" / "points3D.txt").read_text().splitlines()[1:]
     errors = [float(line.split()[7]) for line in lines if len(line.split()) > 8]
