@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -22,6 +22,22 @@ def page(paper: Paper, sheet: int = 1, dpi: float = DPI) -> np.ndarray:
     scale = dpi / MM_PER_INCH
     out = np.full((round(paper.height * scale), round(paper.width * scale)), 255, np.uint8)
     board, (left, top) = paper.board(sheet), place(paper)
+    _draw(out, scale, board, left, top)
+    return _told(out, scale, paper, sheet, top + board.size[1])
+
+
+@lru_cache(maxsize=64)
+def board_picture(board: Board, scale: float, margin: float) -> np.ndarray:
+    """(H, W) uint8: a board alone with `margin` mm of white round it, at `scale` pixels a mm."""
+    width, height = board.size
+    shape = round((height + 2 * margin) * scale), round((width + 2 * margin) * scale)
+    out = np.full(shape, 255, np.uint8)
+    _draw(out, scale, board, margin, margin)
+    return out
+
+
+def _draw(out: np.ndarray, scale: float, board: Board, left: float, top: float) -> None:
+    """The board with its upper left corner at (left, top) mm."""
     for i, (x, y) in enumerate(board.squares(black=True)):
         _fill(out, scale, left + x, top + y, board.square, 0)
         gap = BORDER * board.square
@@ -31,7 +47,6 @@ def page(paper: Paper, sheet: int = 1, dpi: float = DPI) -> np.ndarray:
         gap = (board.square - side) / 2
         bits = cv2.aruco.generateImageMarker(dictionary(), marker, 6, borderBits=1)
         _paste(out, scale, left + x + gap, top + y + gap, side, bits)
-    return _told(out, scale, paper, sheet, top + board.size[1])
 
 
 def place(paper: Paper) -> tuple[float, float]:

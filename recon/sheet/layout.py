@@ -15,8 +15,17 @@ import numpy as np
 
 COLUMNS, ROWS = 3, 4  # squares: few and large ones are read from farther off
 MARKERS = COLUMNS * ROWS // 2
-CORNERS = (COLUMNS - 1) * (ROWS - 1)  # where four squares meet
+CORNERS = (COLUMNS + 1) * (ROWS + 1)  # of all squares
 MARKER_SHARE = 0.8  # of a square's side: what is left is the white round the marker
+
+
+_RING = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)  # clockwise from the upper left
+
+
+def corners_of_squares() -> np.ndarray:
+    """(COLUMNS * ROWS, 4) int: which corners each square has, squares row by row, corners clockwise."""
+    first = np.array([r * (COLUMNS + 1) + c for r in range(ROWS) for c in range(COLUMNS)])
+    return first[:, None] + [0, 1, COLUMNS + 2, COLUMNS + 1]
 
 
 @dataclass(frozen=True)
@@ -45,12 +54,11 @@ class Board:
         """(MARKERS, 4, 2) mm, of every marker clockwise from its upper left, as OpenCV gives them."""
         side = MARKER_SHARE * self.square
         gap = (self.square - side) / 2
-        ring = np.array([(0, 0), (side, 0), (side, side), (0, side)]) + gap
-        return np.array([np.array(place) + ring for place in self.squares(black=False)])
+        return np.array([np.array(place) + gap + side * _RING for place in self.squares(black=False)])
 
     def corners(self) -> np.ndarray:
-        """(CORNERS, 2) mm, row by row."""
-        return self.square * np.array([(c, r) for r in range(1, ROWS) for c in range(1, COLUMNS)], float)
+        """(CORNERS, 2) mm, of the squares, row by row."""
+        return self.square * np.array([(c, r) for r in range(ROWS + 1) for c in range(COLUMNS + 1)], float)
 
     def in_metres(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 2) in mm as (n, 3) in the board's own frame."""
