@@ -42,7 +42,9 @@ def lay(picture, K, cam_from_world, world_from_sheet, board, light=(20, 225), fi
     photo_from_mm = cv2.getPerspectiveTransform(
         corners.astype(np.float32), pixels(K, cam_from_world, world_from_sheet, board, corners).astype(np.float32)
     )
-    mm_from_drawn = np.array([[1 / PER_MM, 0, 0.5 / PER_MM - MARGIN], [0, 1 / PER_MM, 0.5 / PER_MM - MARGIN], [0, 0, 1]])
+    mm_from_drawn = np.array(
+        [[1 / PER_MM, 0, 0.5 / PER_MM - MARGIN], [0, 1 / PER_MM, 0.5 / PER_MM - MARGIN], [0, 0, 1]]
+    )
     fine_from_photo = np.array([[fine, 0, -0.5], [0, fine, -0.5], [0, 0, 1]])
     matrix = fine_from_photo @ photo_from_mm @ mm_from_drawn
     size = (width * fine, height * fine)

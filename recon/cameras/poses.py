@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from recon.cameras import sfm_diagnosis
+from recon.cameras import sfm_diagnosis, sheet_matches
 from recon.cameras.intrinsics import held
 from recon.cameras.sfm_attempts import climb
 from recon.cameras.sfm_options import LADDER, Attempt, PosesOptions
@@ -44,6 +44,8 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions(), s
     total = len(frames.names)
     if total < 3:
         raise ReconstructionError(f"{total} photos are too few to place cameras; {sfm_diagnosis.REMEDY}")
+    if searched is not None:  # what the photos show beside the object does not turn with it
+        searched = replace(searched, sheets=None)
     if (given := held(frames, options.intrinsics, options.focal_mm)) is not None:
         frames = replace(frames, focal_px=given[:, 0])
         searched = replace(searched, focal_px=given[:, 0]) if searched else None
@@ -163,6 +165,8 @@ def _match(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path
     # Pairs without overlap use up every trial: 10,000 (the default) takes twice the time and gains no pair.
     verification.ransac.max_num_trials = 1000
     pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
+    if order["marks"]:
+        sheet_matches.join(pycolmap, database, order, pair_list, verification)
 
 
 def _map(pycolmap: Any, database: Path, order: dict[str, Any], out: Path) -> list[Any]:

@@ -8,9 +8,9 @@ from pathlib import Path
 from nnproc.infer import WeightsError, load_network
 from procmodels import Model
 from recon import scene
-from recon.cameras import known_cameras, poses, register_missing, turntable
+from recon.cameras import known_cameras, poses, register_missing, sheet_place, turntable
 from recon.cameras.sfm_options import PosesOptions
-from recon.files import frames, mask_images, video, zipped
+from recon.files import frames, mask_images, sheet_search, video, zipped
 from recon.fitting import quality, refine, uncertainty
 from recon.fitting import view_starts as fit
 from recon.geometry import align
@@ -46,6 +46,7 @@ class ReconOptions:
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
     video: video.VideoOptions = field(default_factory=video.VideoOptions)
     frames: frames.FramesOptions = field(default_factory=frames.FramesOptions)
+    sheet: sheet_search.SheetOptions = field(default_factory=sheet_search.SheetOptions)
     poses: PosesOptions = field(default_factory=PosesOptions)
     silhouettes: silhouettes.SilhouetteOptions = field(default_factory=silhouettes.SilhouetteOptions)
     align: align.AlignOptions = field(default_factory=align.AlignOptions)
@@ -83,7 +84,11 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))
     stages = Stages(work, STAGES, dataclasses_of(*KNOWN), [source.key, options.seed], options.redo)
 
-    shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
+    shots = stages.run(
+        "frames",
+        [options.frames, options.sheet],
+        lambda: sheet_search.run(frames.run(source.folder, work, options.frames), source.folder, options.sheet),
+    )
     drawn = unpacked(options.masks, work) or (source.cameras.masks if source.cameras else None)
     masks_key = "none" if drawn is None else digest_of(mask_images.files(drawn), drawn)
     looked_at = masks_key if source.cameras or options.poses.turntable else "none"
@@ -120,7 +125,14 @@ def unpacked(masks: Path | None, work: Path) -> Path | None:
 def _placed(
     shots: scene.Frames, source: photo_source.Photos, drawn: Path | None, work: Path, options: ReconOptions
 ) -> scene.Poses:
-    """The stage "poses": the cameras given, or structure from motion; `drawn` is the folder of masks."""
+    """The stage "poses": the cameras, and where printed sheets lie; `drawn` is the folder of masks."""
+    return sheet_place.run(shots, _cameras(shots, source, drawn, work, options))
+
+
+def _cameras(
+    shots: scene.Frames, source: photo_source.Photos, drawn: Path | None, work: Path, options: ReconOptions
+) -> scene.Poses:
+    """The cameras given, or structure from motion."""
     if source.cameras is not None:
         given = known_cameras.run(shots, source.cameras, work, drawn)
         return register_missing.run(shots, given, work, options.poses) if source.cameras.others else given
