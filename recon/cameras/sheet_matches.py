@@ -36,7 +36,7 @@ def marks(frames: Frames) -> dict[str, list[tuple[int, float, float]]]:
 def join(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path, verification: Any) -> None:
     """Add the marks of an order to the features and matches in the database, and verify all pairs anew.
 
-    A pair whose marks do not fit what its other matches say keeps the marks alone: furniture looks alike from two sides.
+    A pair whose marks do not fit what its other matches say keeps the marks alone: chairs look alike from both sides.
     """
     opened = pycolmap.Database.open(str(database))
     ids = {image.name: image.image_id for image in opened.read_all_images()}

@@ -102,7 +102,7 @@ def bent(lens: Lens, rays: np.ndarray) -> np.ndarray:
 
 
 def unbent(lens: Lens, pixels: np.ndarray) -> np.ndarray:
-    """(n, 3) rays (x, y, 1) of the upright camera that land on pixels (n, 2) of the upright photo, at the lens's size."""
+    """(n, 3) rays (x, y, 1) of the upright camera landing on pixels (n, 2) of the upright photo, of the lens's size."""
     u, v = pixels.T
     width, height = (int(n) for n in (lens.size[::-1] if lens.turns % 2 else lens.size))
     for _ in range(lens.turns):  # back to as it was taken
