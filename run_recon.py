@@ -45,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
         "--camera-off", type=number, metavar="DEGREES", help="how far --pix3d's camera may be off; found with the shape"
     )
     p.add_argument("--height", type=number, metavar="METRES", help="real height of the object: gives real sizes")
+    p.add_argument("--ruler", type=number, metavar="MM", help="what the printed sheet's ruler of 150 mm measures")
     p.add_argument(
         "--cameras",
         type=path,

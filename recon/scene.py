@@ -68,14 +68,14 @@ class Sightings:
 class PrintedSheet:
     """A printed sheet where it lies.
 
-    number  of its board
+    name    as people know it, "sheet 2"
     world_from_sheet  (4, 4) float, a similarity from its own frame: metres as they should have been printed, x to the
             right, y up the page, z out of it, the origin in the board's middle
     names   the photos that show it there
     error   px, by which its corners miss in the median of these
     """
 
-    number: int
+    name: str
     world_from_sheet: np.ndarray
     names: tuple[str, ...]
     error: float

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from recon.geometry.lenses import unbent
 from recon.geometry.umeyama import similarity_between
 from recon.scene import Cameras, Frames, Poses, PrintedSheet, Sightings
-from recon.sheet.layout import boards
+from recon.sheet.layout import boards, name_of
 
 log = logging.getLogger("recon.cameras")
 
@@ -49,7 +49,7 @@ def run(frames: Frames, poses: Poses) -> Poses:
         elif warning := _not_placed(frames, frames.sheets, poses, number):
             warnings.append(warning)
     for sheet in sheets:
-        log.info("the printed sheet %d: in %d photos, to %.2f px", sheet.number + 1, len(sheet.names), sheet.error)
+        log.info("the printed %s: in %d photos, to %.2f px", sheet.name, len(sheet.names), sheet.error)
     for warning in warnings:
         log.warning(warning)
     return replace(poses, sheets=tuple(sheets), warnings=(*poses.warnings, *warnings))
@@ -93,7 +93,7 @@ def place(cameras: Cameras, seen: list[_Seen], number: int) -> PrintedSheet | No
             return None
         best = agree
     error = float(np.median([_error(cameras, s, matrix) for s in best]))
-    return PrintedSheet(number, matrix, tuple(cameras.names[s.view] for s in best), error)
+    return PrintedSheet(name_of(number), matrix, tuple(cameras.names[s.view] for s in best), error)
 
 
 def _pairs(cameras: Cameras, seen: list[_Seen]) -> list[tuple[_Seen, _Seen]]:

@@ -48,7 +48,7 @@ def words(result: Result, asset: Asset) -> Words:
     article = _article(result.class_name)
     what = f"{article} {spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
     used, given = int(result.scene.silhouettes.used.sum()), len(result.frames.names)
-    text = f"{what}; {_size(asset)}. "
+    text = f"{what}; {_size(asset, result.size_from)}. "
     title = spaced(result.class_name).capitalize()
     if not result.belongs:
         title = f"Not {article.lower()} {spaced(result.class_name)}: the nearest one"
@@ -123,12 +123,14 @@ def _trait(parameter: Parameter, value: Any) -> str:
     return (name if value else f"no {name}") if isinstance(parameter, Flag) else ""
 
 
-def _size(asset: Asset) -> str:
+def _size(asset: Asset, source: str = "") -> str:
     wide, deep, high = np.ptp(asset.shape.bounds(), axis=0) * (asset.metres_per_unit or 1.0)
     if asset.metres_per_unit is not None:
-        return f"{wide:.2f} m wide, {deep:.2f} m deep, {high:.2f} m high"
+        known = f" (by the {source})" if source and not source.startswith("--") else ""
+        return f"{wide:.2f} m wide, {deep:.2f} m deep, {high:.2f} m high{known}"
     return (
-        f"{wide / high:.2f} times as wide and {deep / high:.2f} times as deep as high (real size not given: --height)"
+        f"{wide / high:.2f} times as wide and {deep / high:.2f} times as deep as high (real size not known: give "
+        "--height, or lay a printed sheet beside it)"
     )
 
 

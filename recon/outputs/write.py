@@ -26,7 +26,7 @@ from procmodels.usd import export_usd
 from recon.fitting.uncertainty import LEVEL
 from recon.outputs import camera_export, contact_sheet, point_tiles, publish, report
 from recon.outputs.previews import render_previews
-from recon.outputs.result import Result, in_place, seen
+from recon.outputs.result import Result, about_size, in_place, seen
 from recon.system.names import all_shown
 from recon.system.whole_files import write_picture
 
@@ -136,6 +136,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
             "misplaced": list(result.scene.silhouettes.misplaced),
             "unreadable": [{"name": name, "reason": reason} for name, reason in result.frames.skipped],
         },
+        "size": about_size(result),
         "views": views,
         "warnings": list(result.warnings),
         "seconds": {**seconds, "total": round(sum(seconds.values()), 2)},

@@ -37,6 +37,7 @@ class Asked:
     focal_mm: str | None = None
     frames: int | None = None
     obj_up: str = "y"
+    ruler: float | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
     options = photos.ReconOptions(
         class_name=asked.class_name,
         height=asked.height,
+        ruler=asked.ruler,
         seed=asked.seed,
         redo=asked.redo,
         masks=asked.source if seen.kind == Kind.MASKS else asked.masks,
@@ -150,11 +152,12 @@ def _takes(flags: Sequence[str]) -> frozenset[str]:
 
 
 LENS, CAMERAS = ("intrinsics", "focal_mm"), ("cameras", "allow_outside")
+SEEN = ("masks", "ruler")  # of photos
 WAYS = {
-    "photos": Way("photos", _takes(["masks", "turntable", "cameras", *LENS]), _photos),
-    "photos in cameras": Way("photos with known cameras", _takes(["masks", *CAMERAS]), _photos),
-    "video": Way("a video", _takes(["masks", "turntable", "frames", "cameras", *LENS]), _photos),
-    "video in cameras": Way("a video with known cameras", _takes(["masks", "frames", *CAMERAS]), _photos),
+    "photos": Way("photos", _takes([*SEEN, "turntable", "cameras", *LENS]), _photos),
+    "photos in cameras": Way("photos with known cameras", _takes([*SEEN, *CAMERAS]), _photos),
+    "video": Way("a video", _takes([*SEEN, "turntable", "frames", "cameras", *LENS]), _photos),
+    "video in cameras": Way("a video with known cameras", _takes([*SEEN, "frames", *CAMERAS]), _photos),
     "image": Way("one image", _takes(["mask", "box", "pix3d", "camera_off", *LENS]), _image),
     "masks": Way("a folder of masks", _takes(["cameras", *LENS]), _image),
     "masks in cameras": Way("masks with known cameras", _takes(CAMERAS), _photos),

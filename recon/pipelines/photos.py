@@ -19,7 +19,7 @@ from recon.masks import silhouettes
 from recon.outputs import write as outputs
 from recon.outputs.result import REGISTERED
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, class_selection, out_folder, photo_source, results
+from recon.pipelines import checks, class_selection, out_folder, photo_source, real_size, results
 from recon.pipelines.results import About
 from recon.pipelines.stages import LAST, Redo, Stages
 from recon.scene import InputError, Scene
@@ -37,6 +37,7 @@ class ReconOptions:
     class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
     masks: Path | None = None  # folder, or zip file, of the user's own masks
     height: float | None = None  # real height of the object in metres
+    ruler: float | None = None  # mm, what a printed sheet's ruler measures; None: as it should
     seed: int = 0
     redo: Redo = field(default_factory=Redo)
     cameras: Path | None = None  # a COLMAP model's folder or a transforms.json: where the photos were taken from
@@ -65,6 +66,7 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     """
     models = _checked(photos, options)
     checks.check(options.height, out)
+    real_size.check_ruler(options.ruler)
     with out_folder.claimed(out, {"INPUT": photos, "--masks": options.masks, "--cameras": options.cameras}) as work:
         return _run(photos, out, work, models, _seeded(options))
 
@@ -103,14 +105,19 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
     solid = stages.run("hull", options.hull, lambda: hull.run(seen, options.hull))
     chosen = _chosen(stages, models, seen, solid, options)
     verdict = quality.run(chosen.model, seen, chosen.refined, len(shots.names))
+    refined = chosen.refined
+    size = real_size.decide(
+        options.height, options.ruler, placed.sheets, refined.canonical, chosen.model, refined.params
+    )
     about = About(
         stages.seconds,
         options.seed,
-        options.height,
-        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings),
+        size.height,
+        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings, *size.warnings),
         classes=chosen.classes,
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
+        size_from=size.source,
     )
     result = results.of_views(chosen.model, shots, seen, chosen.refined, verdict, about)
     stages.last()

@@ -97,6 +97,11 @@ def boards() -> dict[int, Board]:
     return {n: Board(n, p.square) for p in PAPERS.values() for n in p.numbers}
 
 
+def name_of(number: int) -> str:
+    """A board as people know it, by what is printed on its sheet."""
+    return f"sheet {number + 1}" if number in SMALL else f"sheet {number - LARGE[0] + 1} (A3 or Tabloid)"
+
+
 @cache
 def dictionary() -> cv2.aruco.Dictionary:
     """The markers."""

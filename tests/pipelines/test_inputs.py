@@ -30,6 +30,7 @@ GIVEN = {
     "intrinsics": "1,1,1,1",
     "focal_mm": "28",
     "frames": 12,
+    "ruler": 147.0,
 }
 KINDS = {
     "photos": Kind.PHOTOS,
