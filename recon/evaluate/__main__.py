@@ -13,7 +13,7 @@ from pathlib import Path
 from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
 from procmodels import ModelError, load, names, paper_names
-from recon.evaluate import alignment, calibration, chair, gallery, robust, sheet, space_pictures
+from recon.evaluate import alignment, calibration, chair, gallery, printed_sheet, robust, space_pictures
 from recon.evaluate.beliefs import command as beliefs
 from recon.evaluate.beliefs import gather
 from recon.evaluate.rows import Row, machine, print_table, read_json_rows, write_json
@@ -202,11 +202,11 @@ def _alignment_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def _sheet_flags(parser: argparse.ArgumentParser) -> None:
-    kinds = [kind.name for kind in sheet.KINDS]
+    kinds = [kind.name for kind in printed_sheet.KINDS]
     parser.add_argument(
         "--kind", action="append", choices=kinds, metavar="NAME", help=f"may be repeated; {'; '.join(kinds)}"
     )
-    parser.set_defaults(run=lambda args: _told(args, list(sheet.run(args.work, args.kind or ()))))
+    parser.set_defaults(run=lambda args: _told(args, list(printed_sheet.run(args.work, args.kind or ()))))
 
 
 def _calibration_flags(parser: argparse.ArgumentParser) -> None:

@@ -67,7 +67,7 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Measured:
-    """Share of photos registered, degrees of up and yaw (the front among it), shares of size: the sheet's, the chair's."""
+    """Share of photos registered; degrees of up and yaw; shares that the size is off, by the sheet and of the chair."""
 
     registered: float
     up: float
