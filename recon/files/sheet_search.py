@@ -6,6 +6,7 @@ import logging
 import os
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from recon.files.photo import UnreadablePhoto, read_photo
 from recon.scene import Frames, Sightings
-from recon.sheet.detection import Found, find
+from recon.sheet.detection import Found, find, find_outlined
 
 log = logging.getLogger("recon.files.frames")
 
@@ -24,7 +25,7 @@ class SheetOptions:
     """How sheets are looked for."""
 
     search: bool = True
-    longest_side: int = 2400  # px, of the photos that they are read in: sheets are small beside furniture
+    longest_side: int = 3200  # px, of the photos that they are read in: sheets are small beside furniture
     probe: int = 4  # where no working copy shows one, every so many-th photo is searched at that size
 
 
@@ -35,17 +36,18 @@ def run(frames: Frames, folder: Path, options: SheetOptions = SheetOptions()) ->
     """
     if not options.search or len(frames.names) < 2:
         return frames
+    views = range(len(frames.names))
     with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
-        found = list(pool.map(lambda v: _in_copy(frames, v), range(len(frames.names))))
-        shown = any(found)
-        closer = [v for v in range(len(found)) if _larger(frames, v, options) and (shown or v % options.probe == 0)]
-        detailed = dict(zip(closer, pool.map(lambda v: _in_original(frames, v, folder, options), closer), strict=True))
-        if any(detailed.values()) and not shown:
-            rest = [v for v in range(len(found)) if v not in detailed and _larger(frames, v, options)]
-            detailed |= dict(zip(rest, pool.map(lambda v: _in_original(frames, v, folder, options), rest), strict=True))
-    found = [max(f, detailed.get(v, []), key=_corners) for v, f in enumerate(found)]
-    if not any(found):
-        return frames
+        found = list(pool.map(lambda v: find(_copy(frames, v)), views))
+        if not any(found):
+            found = list(
+                pool.map(lambda v: _closer(frames, v, folder, options) if v % options.probe == 0 else [], views)
+            )
+        if not any(found):
+            return frames
+        found = list(pool.map(lambda v: max(found[v], _closer(frames, v, folder, options), key=_corners), views))
+        numbers = sorted({f.board.number for sheets in found for f in sheets})
+        found = list(pool.map(lambda v: found[v] + _outlined(frames, v, folder, options, found[v], numbers), views))
     log.info("a printed sheet is seen in %d of %d photos", sum(map(bool, found)), len(found))
     return replace(frames, sheets=_sightings(found))
 
@@ -61,21 +63,43 @@ def _larger(frames: Frames, view: int, options: SheetOptions) -> bool:
     return min(whole, options.longest_side) > 1.2 * copy
 
 
-def _in_copy(frames: Frames, view: int) -> list[Found]:
+def _copy(frames: Frames, view: int) -> np.ndarray:
+    """The working copy, grey."""
     grey = cv2.imread(str(frames.paths[view]), cv2.IMREAD_GRAYSCALE)
-    return [] if grey is None else find(grey)
+    return np.zeros((8, 8), np.uint8) if grey is None else grey
 
 
-def _in_original(frames: Frames, view: int, folder: Path, options: SheetOptions) -> list[Found]:
-    """Found in the photo itself, pixels as of the working copy."""
-    try:
-        photo = read_photo(folder / frames.names[view], options.longest_side)
-    except UnreadablePhoto:  # it changed since
+def _best(frames: Frames, view: int, folder: Path, options: SheetOptions) -> np.ndarray:
+    """The photo itself, grey, no larger than the options say; its working copy where that shows as much."""
+    if _larger(frames, view, options):
+        with suppress(UnreadablePhoto):  # it changed since
+            if (photo := read_photo(folder / frames.names[view], options.longest_side)) is not None:
+                return np.asarray(photo.image.convert("L"))
+    return _copy(frames, view)
+
+
+def _closer(frames: Frames, view: int, folder: Path, options: SheetOptions) -> list[Found]:
+    """Found in the photo itself; nothing where the working copy shows as much."""
+    if not _larger(frames, view, options):
         return []
-    if photo is None:
+    grey = _best(frames, view, folder, options)
+    return _in_copys_pixels(frames, view, grey, find(grey))
+
+
+def _outlined(
+    frames: Frames, view: int, folder: Path, options: SheetOptions, found: list[Found], numbers: list[int]
+) -> list[Found]:
+    """Sheets that other photos show and this one's markers do not, by the page's outline."""
+    missing = [n for n in numbers if n not in {f.board.number for f in found}]
+    if not missing:
         return []
-    scale = frames.sizes[view] / np.array(photo.image.size)
-    return [Found(f.board, f.corner, f.pixels * scale) for f in find(np.asarray(photo.image.convert("L")))]
+    grey = _best(frames, view, folder, options)
+    return _in_copys_pixels(frames, view, grey, [f for n in missing for f in find_outlined(grey, n)])
+
+
+def _in_copys_pixels(frames: Frames, view: int, grey: np.ndarray, found: list[Found]) -> list[Found]:
+    scale = frames.sizes[view] / np.array(grey.shape[::-1])
+    return [Found(f.board, f.corner, f.pixels * scale) for f in found]
 
 
 def _sightings(found: list[list[Found]]) -> Sightings:

@@ -12,6 +12,7 @@ from functools import cache
 import cv2
 import numpy as np
 
+from recon.sheet import page_outline
 from recon.sheet.layout import MARKERS, Board, boards, dictionary
 from recon.sheet.overlay import laid_over, moved_by
 
@@ -44,6 +45,13 @@ def find(grey: np.ndarray) -> list[Found]:
         if (fitted := _fitted(grey, boards()[number], start)) is not None
     ]
     return [f for i, f in enumerate(found) if not any(_same_place(f, other) for other in found[:i])]
+
+
+def find_outlined(grey: np.ndarray, number: int) -> list[Found]:
+    """The sheet of a number by its page's outline, where its markers cannot be read (recon.sheet.page_outline)."""
+    if (answer := page_outline.find(grey, boards()[number])) is None:
+        return []
+    return [_found(boards()[number], *answer)]
 
 
 @cache
@@ -86,7 +94,10 @@ def _fitted(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> Fou
     """The sheet near a first guess, or None when the photo does not show its drawing there."""
     if (answer := laid_over(grey, board, photo_from_board)) is None:
         return None
-    matrix, corner = answer
+    return _found(board, *answer)
+
+
+def _found(board: Board, matrix: np.ndarray, corner: np.ndarray) -> Found:
     return Found(board, corner, moved_by(matrix, board.corners()[corner]))
 
 

@@ -59,6 +59,17 @@ def laid_over(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> t
     return matrix, np.unique(corners_of_squares()[seen])
 
 
+def likeness(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> float:
+    """Correlation of the photo with the drawing as a homography places it, both blurred; 0 where it is not in sight."""
+    if (patch := _patch(grey, board, photo_from_board)) is None:
+        return 0.0
+    outline = moved_by(photo_from_board, _outline(board)) - patch.at
+    mask = np.zeros(patch.photo.shape, np.uint8)
+    cv2.fillConvexPoly(mask, np.round(outline - 0.5).astype(np.int32), 1)
+    drawn, photo = (cv2.GaussianBlur(a, (0, 0), BLURS[0])[mask > 0] for a in (patch.drawn, patch.photo))
+    return _correlation(drawn, photo)
+
+
 def moved_by(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (n, 2) under a homography."""
     out = np.column_stack([points, np.ones(len(points))]) @ matrix.T
