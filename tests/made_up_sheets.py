@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from recon.sheet.drawing import board_picture
+from recon.sheet.drawing import MM_PER_INCH, board_picture, page, place
 
 PER_MM, MARGIN = 4.0, 12.0  # of the pictures that are laid out
 
@@ -34,17 +34,22 @@ def pixels(K, cam_from_world, world_from_sheet, board, points):
     return (seen[:2] / seen[2]).T
 
 
-def lay(picture, K, cam_from_world, world_from_sheet, board, light=(20, 225), fine=4):
-    """Lay a board into a grey picture (H, W) uint8; `light` the grey of ink and paper. Edges are averaged."""
+def lay(picture, K, cam_from_world, world_from_sheet, board, light=(20, 225), fine=4, whole=None):
+    """Lay a board into a grey picture (H, W) uint8; `light` the grey of ink and paper. Edges are averaged.
+
+    whole  the Paper, for its whole page instead of the board with MARGIN of white
+    """
     height, width = picture.shape
-    drawn = board_picture(board, PER_MM, MARGIN)
+    drawn, left, top = board_picture(board, PER_MM, MARGIN), MARGIN, MARGIN
+    if whole is not None:
+        drawn = page(whole, 1 + whole.numbers.index(board.number), PER_MM * MM_PER_INCH)
+        left, top = place(whole)
     corners = np.array([(0, 0), (100, 0), (100, 100), (0, 100)], float)
     photo_from_mm = cv2.getPerspectiveTransform(
         corners.astype(np.float32), pixels(K, cam_from_world, world_from_sheet, board, corners).astype(np.float32)
     )
-    mm_from_drawn = np.array(
-        [[1 / PER_MM, 0, 0.5 / PER_MM - MARGIN], [0, 1 / PER_MM, 0.5 / PER_MM - MARGIN], [0, 0, 1]]
-    )
+    half = 0.5 / PER_MM
+    mm_from_drawn = np.array([[1 / PER_MM, 0, half - left], [0, 1 / PER_MM, half - top], [0, 0, 1]])
     fine_from_photo = np.array([[fine, 0, -0.5], [0, fine, -0.5], [0, 0, 1]])
     matrix = fine_from_photo @ photo_from_mm @ mm_from_drawn
     size = (width * fine, height * fine)
