@@ -16,6 +16,7 @@ import numpy as np
 from recon.files.photo import UnreadablePhoto, read_photo
 from recon.scene import Frames, Sightings
 from recon.sheet.detection import Found, find, find_outlined
+from recon.sheet.layout import LARGE, SMALL
 
 log = logging.getLogger("recon.files.frames")
 
@@ -84,6 +85,11 @@ def _closer(frames: Frames, view: int, folder: Path, options: SheetOptions) -> l
         return []
     grey = _best(frames, view, folder, options)
     return _in_copys_pixels(frames, view, grey, find(grey))
+
+
+def _probed(frames: Frames, view: int, folder: Path, options: SheetOptions) -> list[Found]:
+    """In the photo itself, or by the outline of the pages that most people print."""
+    return _closer(frames, view, folder, options) or _outlined(frames, view, folder, options, [], [SMALL[0], LARGE[0]])
 
 
 def _outlined(

@@ -1,4 +1,4 @@
-"""The sheet as it is printed: what other programs know as a ChArUco board, to scale, each sheet told from the others."""
+"""The sheet as printed: what other programs know as a ChArUco board, to scale, each sheet told from the others."""
 
 import re
 
