@@ -142,9 +142,7 @@ def _moves(corners: np.ndarray, places: np.ndarray) -> list[np.ndarray]:
     return out
 
 
-def _square_mask(
-    patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: float, more: float = _EDGE
-) -> np.ndarray:
+def _square_mask(patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: float, more: float = _EDGE) -> np.ndarray:
     """(H, W) bool, pixels of a square and `more` of its side round it (less than nothing: within it)."""
     edge = more * side
     ring = place + np.array([(-edge, -edge), (side + edge, -edge), (side + edge, side + edge), (-edge, side + edge)])
@@ -155,7 +153,7 @@ def _square_mask(
 
 
 def _inside(patch: _Patch, board: Board, matrix: np.ndarray, seen: np.ndarray) -> float:
-    """Correlation of what is inside the squares in sight, each about its own mean: the bits of markers, the textures."""
+    """Correlation of what is inside the squares in sight, each about its own mean: bits of markers, textures."""
     products = np.zeros(3)
     for place, ok in zip(board.places(), seen, strict=True):
         mask = _square_mask(patch, matrix, place, board.square, -_WITHIN)
