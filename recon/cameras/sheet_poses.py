@@ -1,8 +1,8 @@
 """Each photo's camera about the sheets that it shows: what matches of two photos must agree with.
 
-A sheet is known in every length, so one photo of it tells where the camera stands, if its focal length is known: to half
-a degree, which is too coarse for a result, but tells matches between things that look alike (a chair from its two sides,
-wallpaper) from right ones.
+A sheet is known in every length, so one photo of it tells where the camera stands, if its focal length is known: to
+half a degree, which is too coarse for a result, but tells matches between things that look alike (a chair from its two
+sides, wallpaper) from right ones.
 """
 
 from __future__ import annotations
