@@ -64,7 +64,8 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions(), s
     if rung not in (LADDER[0].name, BY_SHEET.name):
         warnings.append(f'the photos were hard to place: {len(best.view)} of {total} with "{rung}"')
     warnings += sfm_diagnosis.focal_warnings(frames, best.view, best.K)
-    warnings += sfm_diagnosis.other_ways(best, tried)
+    if rung != BY_SHEET.name:  # which is certain
+        warnings += sfm_diagnosis.other_ways(best, tried)
     for warning in warnings:
         log.warning(warning)
     return _poses(frames, best, workdir / "undistorted", tuple(warnings))

@@ -63,14 +63,17 @@ def climb(
         # A reconstruction bent by a wrong focal length may hold every photo, but explains few of the matches.
         if best is None or _beats(attempt, rung.sheet, best, best_name == BY_SHEET.name, enough):
             best, best_name = attempt, rung.name
-        coming = rungs[i + 1 :]
-        cheap_next = (few and any(r.reuse for r in coming)) or bool(coming and coming[0].sheet)
         plausible = rung.keep_focal or plausible_focal(frames, best.view, best.K)
-        if len(best.view) >= enough and plausible and not cheap_next:
+        if len(best.view) >= enough and plausible and not _cheap_next(rungs[i + 1 :], few):
             break
         if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
             break  # there is nothing to find in these photos
     return best, best_name, tried, failures
+
+
+def _cheap_next(coming: tuple[Rung, ...], few: bool) -> bool:
+    """Whether an attempt is worth its time though enough photos are placed."""
+    return (few and any(r.reuse for r in coming)) or bool(coming and coming[0].sheet)
 
 
 def _beats(attempt: Attempt, by_sheet: bool, best: Attempt, best_by_sheet: bool, enough: float) -> bool:
