@@ -64,7 +64,8 @@ def climb(
         if best is None or _beats(attempt, rung.sheet, best, best_name == BY_SHEET.name, enough):
             best, best_name = attempt, rung.name
         plausible = rung.keep_focal or plausible_focal(frames, best.view, best.K)
-        if len(best.view) >= enough and plausible and not _cheap_next(rungs[i + 1 :], few):
+        certain = best_name == BY_SHEET.name
+        if len(best.view) >= enough and plausible and (certain or not _cheap_next(rungs[i + 1 :], few)):
             break
         if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
             break  # there is nothing to find in these photos
