@@ -153,7 +153,9 @@ def _about_sheets(frames: Frames) -> dict[str, Any]:
     return {
         "marks": sheet_matches.marks(frames),
         "sheet_poses": sheet_poses.run(frames),
-        "sheet_K": {p.name: [float(f), *m] for p, f, m in zip(frames.paths, focals, middles, strict=True)},
+        "sheet_K": {
+            p.name: [float(f), *m] for p, f, m in zip(frames.paths, focals, middles, strict=True) if np.isfinite(f)
+        },
         "sheet_tolerance": sheet_matches.TOLERANCE * float(frames.sizes.max()),
     }
 
