@@ -192,7 +192,7 @@ def _map(pycolmap: Any, database: Path, order: dict[str, Any], out: Path) -> lis
     options.mapper.abs_pose_min_num_inliers = rung["pose_inliers"]
     options.mapper.init_min_num_inliers = rung["start_inliers"]
     options.mapper.init_min_tri_angle = rung["start_angle"]
-    options.ba_refine_focal_length = not rung["keep_focal"]
+    options.ba_refine_focal_length = not (rung["keep_focal"] or order.get("sheet_hold", False))
     begun = out.with_suffix(".begun")
     if rung["sheet"] and not sheet_start.model(pycolmap, database, order, options, begun):
         return []
