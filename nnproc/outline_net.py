@@ -1,0 +1,76 @@
+"""What kind of thing an outline shows: a small network over silhouettes, for any of the classes known by name.
+
+It knows no procedure. An answer that a flexible class bends to a bottle explains its outline, yet no one would take
+that outline for a chair's; this network says so (recon.fitting.likeness). It is trained by nnproc.learn_outlines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+from torch import Tensor, nn
+
+from nnproc.infer import WeightsError
+
+KINDS = ("bed", "chair", "shelf", "sofa", "table", "other")
+SIDE, FILLED = 64, 56  # px of the pictures that are looked at, and of the outline's longer side in them
+FILE = Path(__file__).with_name("outline_net.safetensors")
+
+
+class OutlineNet(nn.Module):
+    """Pictures (B, 1, 64, 64) of 0 and 1 to logits (B, kinds)."""
+
+    CHANNELS = (1, 24, 48, 96, 96)  # at 64^2, 32^2, ... 4^2
+
+    def __init__(self) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        for a, b in pairwise(self.CHANNELS):
+            layers += [nn.Conv2d(a, b, 3, stride=2, padding=1), nn.ReLU()]
+        last = self.CHANNELS[-1] * (SIDE // 2 ** (len(self.CHANNELS) - 1)) ** 2
+        self.layers = nn.Sequential(
+            *layers, nn.Flatten(), nn.Dropout(0.3), nn.Linear(last, 128), nn.ReLU(), nn.Linear(128, len(KINDS))
+        )
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        return self.layers(pictures)
+
+
+def framed(mask: np.ndarray) -> np.ndarray:
+    """(64, 64) bool: what is white in a mask (H, W), as large as the frame and in its middle; empty masks stay so."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    out = np.zeros((SIDE, SIDE), bool)
+    if not len(rows):
+        return out
+    part = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].astype(np.float32)
+    height, width = (max(1, round(FILLED * n / max(part.shape))) for n in part.shape)
+    small = cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA) >= 0.5
+    top, left = (SIDE - height) // 2, (SIDE - width) // 2
+    out[top : top + height, left : left + width] = small
+    return out
+
+
+def log_chances(network: OutlineNet, masks: Sequence[np.ndarray]) -> np.ndarray:
+    """(n, kinds) log-probabilities of the kinds, of each of n masks alone."""
+    pictures = torch.from_numpy(np.stack([framed(m) for m in masks])[:, None].astype(np.float32))
+    with torch.no_grad():
+        return torch.log_softmax(network(pictures), 1).numpy()
+
+
+@lru_cache(maxsize=4)
+def load(file: Path = FILE) -> OutlineNet:
+    """The trained network. Raises WeightsError when the file is missing or damaged."""
+    network = OutlineNet()
+    try:
+        network.load_state_dict({k: v.float() for k, v in load_file(file).items()})
+    except (OSError, SafetensorError, RuntimeError) as error:
+        raise WeightsError(f"{file} does not hold the network of outlines ({error}): install anew") from error
+    return network.eval()
