@@ -190,7 +190,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, action="append", default=[], help="beside Debian's catalogues; repeated")
     parser.add_argument("--shapes", type=int, default=OutlineOptions.shapes, help="of each class")
     args = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    log.setLevel(logging.INFO)
     args.out.mkdir(parents=True, exist_ok=True)
     try:
         found = run([*args.data, part_labels.DEBIAN], OutlineOptions(shapes=args.shapes))

@@ -62,7 +62,7 @@ def train(found: Outlines, without: int | None, options: LearnOptions = LearnOpt
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, options.learning_rate, options.steps)
     started, said = time.monotonic(), []
     for step in range(options.steps):
-        real = int(options.real * options.batch)
+        real = int(options.real * options.batch) if pools[0] else 0
         index = np.concatenate([_drawn(pools[0], real, rng), _drawn(pools[1], options.batch - real, rng)])
         pictures = torch.from_numpy(_moved(found.pictures(index), options.shift, rng))
         loss = F.cross_entropy(network(pictures), torch.from_numpy(found.kinds[index]), label_smoothing=0.05)
@@ -88,6 +88,8 @@ def _by_kind(found: Outlines, of: np.ndarray) -> list[list[np.ndarray]]:
 def _drawn(pools: list[list[np.ndarray]], count: int, rng: np.random.Generator) -> np.ndarray:
     """Places of `count` pictures: every kind as often, of a kind every object as often; "other", which is many things,
     three times as often."""
+    if not count:
+        return np.zeros(0, int)
     weights = np.ones(len(pools))
     weights[-1] = 3.0 if len(pools) == len(KINDS) else 1.0
     kinds = rng.choice(len(pools), count, p=weights / weights.sum())
