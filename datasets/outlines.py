@@ -24,7 +24,7 @@ from datasets import part_labels
 from datasets.camera_rings import look_at
 from datasets.catalogue_object import DataError
 from datasets.hulls import silhouette
-from nnproc.outline_net import KINDS, framed
+from datasets.outline_frame import KINDS, framed
 from procmodels import load
 from procmodels.registry import HERE
 

@@ -26,8 +26,9 @@ from safetensors.torch import save_file
 from torch.nn import functional as F
 
 from datasets import outlines
+from datasets.outline_frame import KINDS
 from datasets.outlines import Outlines
-from nnproc.outline_net import FILE, KINDS, OutlineNet
+from nnproc.outline_net import FILE, OutlineNet
 
 log = logging.getLogger("nnproc.learn_outlines")
 PARTS = 3  # of the real objects: what one of three networks did not see
@@ -70,7 +71,7 @@ def train(found: Outlines, without: int | None, options: LearnOptions = LearnOpt
         loss.backward()
         optimiser.step()
         schedule.step()
-        said.append(float(loss))
+        said.append(float(loss.detach()))
         if (step + 1) % 500 == 0:
             log.info("step %d, loss %.3f, %.0f s", step + 1, np.mean(said[-500:]), time.monotonic() - started)
     return network.eval()

@@ -11,17 +11,15 @@ from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
+from datasets.outline_frame import KINDS, SIDE, framed
 from nnproc.infer import WeightsError
 
-KINDS = ("bed", "chair", "shelf", "sofa", "table", "other")
-SIDE, FILLED = 64, 56  # px of the pictures that are looked at, and of the outline's longer side in them
 FILE = Path(__file__).with_name("outline_net.safetensors")
 
 
@@ -42,20 +40,6 @@ class OutlineNet(nn.Module):
 
     def forward(self, pictures: Tensor) -> Tensor:
         return self.layers(pictures)
-
-
-def framed(mask: np.ndarray) -> np.ndarray:
-    """(64, 64) bool: what is white in a mask (H, W), as large as the frame and in its middle; empty masks stay so."""
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    out = np.zeros((SIDE, SIDE), bool)
-    if not len(rows):
-        return out
-    part = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].astype(np.float32)
-    height, width = (max(1, round(FILLED * n / max(part.shape))) for n in part.shape)
-    small = cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA) >= 0.5
-    top, left = (SIDE - height) // 2, (SIDE - width) // 2
-    out[top : top + height, left : left + width] = small
-    return out
 
 
 def log_chances(network: OutlineNet, masks: Sequence[np.ndarray]) -> np.ndarray:

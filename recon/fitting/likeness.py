@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from scipy.special import logsumexp
 
 from datasets.camera_rings import look_at
+from datasets.outline_frame import KINDS
 from nnproc import outline_net
 from nnproc.infer import WeightsError
-from nnproc.outline_net import KINDS
 
 MOST = 6.0  # log-odds: one outline says no more
 PIXELS, POINTS = 128, 20_000  # of pictures of a surface, and points that are drawn in them

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from datasets import outlines
+from datasets.camera_rings import look_at
 from datasets.hulls import silhouette
+from datasets.outline_frame import framed
 from datasets.outlines import OutlineOptions
 from nnproc import learn_outlines, outline_net
 from nnproc.infer import WeightsError
@@ -33,12 +35,12 @@ def test_framed_outlines_know_neither_size_nor_place() -> None:
     mask = drawn(0, 1)[0]
     large = np.zeros((900, 1100), bool)
     large[100 : 100 + 6 * 128, 300 : 300 + 6 * 128] = np.kron(mask, np.ones((6, 6), bool))
-    small, big = outline_net.framed(mask), outline_net.framed(large)
+    small, big = framed(mask), framed(large)
     assert (small ^ big).sum() <= 0.05 * small.sum()
-    assert not outline_net.framed(np.zeros((20, 30), bool)).any()
+    assert not framed(np.zeros((20, 30), bool)).any()
     line = np.zeros((50, 2000), bool)
     line[10] = True
-    assert outline_net.framed(line).any()
+    assert framed(line).any()
 
 
 def test_chairs_look_like_chairs_and_a_ball_does_not() -> None:
@@ -58,15 +60,13 @@ def test_points_show_the_outlines_of_their_surface(count: int) -> None:
     middle = (points.min(0) + points.max(0)) / 2
     for picture, (azimuth, elevation) in zip(likeness.pictures(points)[:4], likeness.VIEWS, strict=False):
         assert picture.any()
-        true = outline_net.framed(_view(shape, middle, azimuth, elevation))
-        found = outline_net.framed(picture)
+        true = framed(_view(shape, middle, azimuth, elevation))
+        found = framed(picture)
         assert (true & found).sum() >= 0.8 * (true | found).sum()
 
 
 def _view(shape, middle: np.ndarray, azimuth: float, elevation: float) -> np.ndarray:
     """The silhouette from there, in a window of 256 px."""
-    from datasets.camera_rings import look_at
-
     a, e = np.radians([azimuth, elevation])
     way = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     pose = look_at(middle + likeness.DISTANCE * way, middle)[:3]
