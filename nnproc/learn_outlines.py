@@ -56,7 +56,7 @@ def train(found: Outlines, without: int | None, options: LearnOptions = LearnOpt
     """The network of all pictures, but for those of one part of the real objects."""
     torch.manual_seed(options.seed)
     rng = np.random.default_rng(options.seed)
-    network = OutlineNet()
+    network = OutlineNet().to(memory_format=torch.channels_last)
     left_out = np.array([part_of(n) == without for n in found.names] + [False])[found.owners]
     pools = [_by_kind(found, (found.owners >= 0) & ~left_out), _by_kind(found, found.owners < 0)]
     optimiser = torch.optim.AdamW(network.parameters(), options.learning_rate, weight_decay=options.decay)
@@ -66,7 +66,9 @@ def train(found: Outlines, without: int | None, options: LearnOptions = LearnOpt
         real = int(options.real * options.batch) if pools[0] else 0
         index = np.concatenate([_drawn(pools[0], real, rng), _drawn(pools[1], options.batch - real, rng)])
         pictures = torch.from_numpy(_moved(found.pictures(index), options.shift, rng))
-        loss = F.cross_entropy(network(pictures), torch.from_numpy(found.kinds[index]), label_smoothing=0.05)
+        with torch.autocast("cpu", torch.bfloat16):
+            said_kinds = network(pictures.contiguous(memory_format=torch.channels_last))
+        loss = F.cross_entropy(said_kinds.float(), torch.from_numpy(found.kinds[index]), label_smoothing=0.05)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -140,7 +142,7 @@ def main(argv: list[str] | None = None) -> int:
     unseen = (found.owners >= 0) & (parts == args.without)
     tested = accuracy(network, found, unseen) if unseen.any() else {}
     log.info("on objects that were left out: %s", tested)
-    save_file({k: v.half().contiguous() for k, v in network.state_dict().items()}, args.out)
+    save_file({k: v.half() if v.is_floating_point() else v for k, v in network.state_dict().items()}, args.out)
     card = {
         "what": "kinds of things by their outlines",
         "kinds": KINDS,

@@ -32,7 +32,7 @@ class OutlineNet(nn.Module):
         super().__init__()
         layers: list[nn.Module] = []
         for a, b in pairwise(self.CHANNELS):
-            layers += [nn.Conv2d(a, b, 3, stride=2, padding=1), nn.ReLU()]
+            layers += [nn.Conv2d(a, b, 3, stride=2, padding=1, bias=False), nn.BatchNorm2d(b), nn.ReLU()]
         last = self.CHANNELS[-1] * (SIDE // 2 ** (len(self.CHANNELS) - 1)) ** 2
         self.layers = nn.Sequential(
             *layers, nn.Flatten(), nn.Dropout(0.3), nn.Linear(last, 128), nn.ReLU(), nn.Linear(128, len(KINDS))
@@ -54,7 +54,7 @@ def load(file: Path = FILE) -> OutlineNet:
     """The trained network. Raises WeightsError when the file is missing or damaged."""
     network = OutlineNet()
     try:
-        network.load_state_dict({k: v.float() for k, v in load_file(file).items()})
+        network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in load_file(file).items()})
     except (OSError, SafetensorError, RuntimeError) as error:
         raise WeightsError(f"{file} does not hold the network of outlines ({error}): install anew") from error
     return network.eval()
