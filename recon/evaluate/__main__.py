@@ -13,6 +13,7 @@ from pathlib import Path
 from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
 from procmodels import ModelError, load, names, paper_names
+from procmodels.registry import PAPER
 from recon.evaluate import alignment, calibration, chair, gallery, robust, space_pictures
 from recon.evaluate.beliefs import command as beliefs
 from recon.evaluate.beliefs import gather
@@ -126,8 +127,14 @@ def _table1(args: argparse.Namespace) -> int:
     return 0
 
 
+def _with_the_papers() -> list[str]:
+    """The classes, and those of the paper by their full names."""
+    return [*names(), *(PAPER + name for name in paper_names())]
+
+
 def _table2_flags(parser: argparse.ArgumentParser) -> None:
-    _real_flags(parser, names())
+    _real_flags(parser, _with_the_papers())
+    parser.set_defaults(all_classes=tuple(names()))
     parser.add_argument("--input", action="append", choices=tuple(INPUTS), help="may be repeated; all")
     parser.set_defaults(run=lambda args: _real(args, args.input or tuple(INPUTS), table2.summary))
 
@@ -183,7 +190,9 @@ def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[li
 
 
 def _robust_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; chair")
+    parser.add_argument(
+        "--class", dest="classes", action="append", choices=_with_the_papers(), help="may be repeated; chair"
+    )
     parser.add_argument("--shapes", type=int, default=robust.RobustOptions.shapes, help="held-out shapes, off the grid")
     parser.set_defaults(
         run=lambda args: _told(
@@ -202,7 +211,9 @@ def _alignment_flags(parser: argparse.ArgumentParser) -> None:
 
 def _calibration_flags(parser: argparse.ArgumentParser) -> None:
     options = calibration.CalibrationOptions()
-    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; four")
+    parser.add_argument(
+        "--class", dest="classes", action="append", choices=_with_the_papers(), help="may be repeated; four"
+    )
     parser.add_argument("--shapes", type=int, default=options.shapes, help="held-out shapes a class, off the grid")
     parser.add_argument("--plot", type=Path, default=Path("docs/calibration.png"))
     parser.add_argument("--keep", action="store_true", help="measure and plot, but leave recon/calibration.json alone")

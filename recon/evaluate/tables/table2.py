@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from datasets.catalogues import DataError, RealObject, objects
 from procmodels import Model, load
+from procmodels.registry import PAPER
 from recon.evaluate.tables.oracle import OracleOptions, oracle
 from recon.evaluate.tables.real_answers import INPUTS
 from recon.evaluate.tables.real_pictures import object_picture, worst_sheet
@@ -69,7 +70,7 @@ def _listed(options: Table2Options, class_name: str) -> list[RealObject]:
     lists = []
     for path in options.data:
         try:
-            lists.append(objects(path, class_name)[: options.limit])
+            lists.append(objects(path, class_name.removeprefix(PAPER))[: options.limit])
         except DataError as error:
             if len(options.data) == 1 and len(options.classes) == 1:
                 raise
@@ -84,20 +85,21 @@ def measured(model: Model, item: RealObject, options: Table2Options) -> list[Tab
     trained = weights.read_bytes() if weights.is_file() else b""
     about = f"{code_version()} {model.space.hash} {options.seed} {options.oracle}"
     key = hashlib.sha256(about.encode() + trained).hexdigest()[:8]
-    name = f"{item.data}_{item.class_name}_{item.name}".replace("/", "-").replace(" ", "-")
+    name = picture_name(item.data, model.name, item.name)
     folder = options.work / "table2"
     file = folder / f"{name}_{key}.json"
     kept = {r["input"]: r for r in json.loads(file.read_text())} if file.is_file() else {}
     if not (missing := [i for i in options.inputs if i not in kept]):
         return [Table2Row.from_json(kept[i]) for i in options.inputs]
     mesh = item.load()
-    seed = zlib.crc32(name.encode()) + options.seed
+    # Whatever is fitted to an object, it is seen from the same places.
+    seed = zlib.crc32(picture_name(item.data, item.class_name, item.name).encode()) + options.seed
     best_params, best = (
         oracle(model, mesh, options.oracle) if not kept else ({}, min(r["oracle"] for r in kept.values()))
     )
     rows = [Table2Row.from_json(r) for r in kept.values()]
     for input_name in missing:
-        row = Table2Row(item.data, item.class_name, input_name, item.name, oracle=best)
+        row = Table2Row(item.data, model.name, input_name, item.name, oracle=best)
         try:
             found = INPUTS[input_name](model, mesh, seed)
         except ReconError as error:
@@ -119,6 +121,11 @@ def measured(model: Model, item: RealObject, options: Table2Options) -> list[Tab
     write_rows(rows, file)
     found_rows = {r.input: r for r in rows}
     return [found_rows[i] for i in options.inputs]
+
+
+def picture_name(data: str, class_name: str, name: str) -> str:
+    """What the files of an object are called."""
+    return f"{data}_{class_name}_{name}".replace("/", "-").replace(" ", "-")
 
 
 def write_rows(rows: list[Table2Row], file: Path) -> None:
@@ -159,7 +166,7 @@ def summary(rows: list[Table2Row]) -> str:
             continue
         distances = np.array([r.d_chamfer for r in done])
         best = float(np.mean([r.oracle for r in done]))
-        paper = PAPER_FIGURES.get(input_name, {}).get(class_name)
+        paper = PAPER_FIGURES.get(input_name, {}).get(class_name.removeprefix(PAPER))
         agreements = [r.iou for r in done if r.iou is not None]
         count = str(len(done)) if len(done) == len(group) else f"{len(done)} of {len(group)}"
         cells = [class_name, input_name, count, f"{distances.mean():.4f}", f"{np.median(distances):.4f}", f"{best:.4f}"]
@@ -184,7 +191,7 @@ def write_worst(rows: list[Table2Row], work: Path) -> list[Path]:
     """A sheet of the worst of each class: worst_CLASS.jpg in the work folder."""
     out = []
     for class_name, group in worst(rows).items():
-        pictures = [work / "table2" / f"{r.data}_{r.class_name}_{r.object}.jpg".replace(" ", "-") for r in group]
-        if sheet := worst_sheet(pictures, work / f"worst_{class_name}.jpg"):
+        pictures = [work / "table2" / f"{picture_name(r.data, r.class_name, r.object)}.jpg" for r in group]
+        if sheet := worst_sheet(pictures, work / f"worst_{class_name.replace('/', '-')}.jpg"):
             out.append(sheet)
     return out
