@@ -45,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
         "--camera-off", type=number, metavar="DEGREES", help="how far --pix3d's camera may be off; found with the shape"
     )
     p.add_argument("--height", type=number, metavar="METRES", help="real height of the object: gives real sizes")
+    p.add_argument("--ruler", type=number, metavar="MM", help="what the printed sheet's ruler of 150 mm measures")
     p.add_argument(
         "--cameras",
         type=path,
@@ -58,6 +59,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
     p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
     p.add_argument("--frames", type=whole, metavar="N", help="of a video, that are used (default 40)")
+    p.add_argument(
+        "--obj-up", choices=("y", "z"), default="y", help="up axis of mesh.obj (default y, as readers assume)"
+    )
     p.add_argument("--seed", type=seed, default=0, help="same seed, same result (default 0)")
     p.add_argument("--force", action="store_true", help="redo every stage")
     p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")

@@ -51,6 +51,7 @@ def _room(scratch: Path, plan: Plan, options: PhotosetOptions) -> Room:
         width = 1.9 * float(np.ptp(plan.vertices[:, :2], axis=0).max() * np.linalg.norm(turn[:, 0]))
         size = (width, width * picture.shape[0] / picture.shape[1])
         room = replace(room, rug=Rug(size, _saved(picture, scratch / "rug.png"), back + rng.uniform(-0.3, 0.3)))
+    room = replace(room, papers=options.papers)
     if options.wall:
         picture = floor_textures.mosaic(detail, detail // 2, detail // 12, rng, mute=0.45)
         distance = float(plan.vertices[:, 1].max() * np.linalg.norm(turn[:, 1])) + options.wall

@@ -132,7 +132,7 @@ def _info(mesh_path: Path, options: PhotosetOptions) -> dict[str, Any]:
         raise PhotosetError(f"{mesh_path}: no such file")
     recorded = dataclasses.asdict(options)
     del recorded["threads"]  # the machine's business, not the set's
-    for name in ("arc", "floor", "rug", "wall"):  # younger than the first sets: told only where they differ
+    for name in ("arc", "floor", "rug", "wall", "papers"):  # younger than the first sets: told only where they differ
         if recorded[name] == getattr(PhotosetOptions, name):
             del recorded[name]
     source, licence = recorded.pop("source"), recorded.pop("licence")

@@ -13,6 +13,7 @@ import numpy as np
 from datasets import camera_rings
 from datasets.axis_rotations import AXES, turn
 from procmodels.studio import render
+from procmodels.studio.room import Paper
 
 Y_UP = (".obj", ".glb", ".gltf")  # formats whose files are usually Y-up; the others are taken as Z-up
 FLOORS = ("patterned", "plain")
@@ -38,6 +39,7 @@ class PhotosetOptions:
     arc: float = 360.0  # degrees of each ring that the cameras keep to, about the object's front; 360 = all round
     floor: str = "patterned"  # or "plain": one colour, nothing for structure from motion to hold on to
     rug: bool = False  # a patterned rug, 1 cm thick, under the object; the object stands on z = 0, the floor is lower
+    papers: tuple[Paper, ...] = ()  # printed pages on the floor; their places are of the world, about the object
     wall: float = 0.0  # metres from the object's back to a wall right behind it, with arc <= 180; 0 = none
     threads: int = 0  # render threads, 0 = all cores
     rotation: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 1)  # row by row, applied first, in the file's axes

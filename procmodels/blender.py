@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
@@ -28,3 +32,18 @@ def require(name: str) -> Any:
     if not SUPPORTED[0] <= bpy.app.version[:2] < SUPPORTED[1]:
         raise BlenderMissing(f"Blender {bpy.app.version_string} found, {SUPPORTED[0]} to {SUPPORTED[1]} supported")
     return module
+
+
+@contextmanager
+def silenced() -> Iterator[None]:
+    """Send Blender's own chatter on file descriptor 1 to nowhere (Python cannot intercept C's printf)."""
+    sys.stdout.flush()
+    saved = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(saved)
+        os.close(nowhere)

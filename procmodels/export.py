@@ -1,8 +1,8 @@
 """A built shape as files for other programs: .blend with its parameters, GLB and OBJ. Only save_blend needs Blender.
 
 All three hold the object standing on the floor plane, in metres when its real size is known and otherwise with its
-longest side 1. Axes: .blend and OBJ as in the canonical frame (X right, faces -Y, Z up); GLB as glTF demands (Y up, the
-object faces +Z).
+longest side 1. Axes: .blend as in the canonical frame (X right, faces -Y, Z up); GLB as glTF demands, and OBJ as its
+readers assume (Y up, the object faces +Z).
 """
 
 from __future__ import annotations
@@ -108,10 +108,11 @@ def export_glb(asset: Asset, path: Path) -> None:
     path.write_bytes(scene.export(file_type="glb", include_normals=True))
 
 
-def export_obj(asset: Asset, path: Path, world: bool = False) -> None:
+def export_obj(asset: Asset, path: Path, world: bool = False, up: str = "y") -> None:
     """A Wavefront OBJ with the polygons kept and one object a part.
 
-    Z up, standing on z = 0; or, when `world` is set, in the frame of the photos' cameras (SfM units, no preferred up).
+    up     "y", which readers assume, or "z": the axis that points up; the object stands on 0 of it
+    world  in the frame of the photos' cameras instead (SfM units, no preferred up)
     """
     lines = [f"# {asset.space.name}"]
     if world:
@@ -120,8 +121,9 @@ def export_obj(asset: Asset, path: Path, world: bool = False) -> None:
         matrix = asset.world_from_canonical
         lines.append("# frame: the world of the cameras beside this file; SfM units; no preferred up axis")
     else:
-        matrix = asset.mesh_from_canonical
-        lines.append(f"# axes: right-handed, X right, object faces -Y, Z up, standing on z = 0; unit: {asset.unit}")
+        matrix = (_GLTF_FROM_Z_UP if up == "y" else np.eye(4)) @ asset.mesh_from_canonical
+        told = "faces +Z, Y up, standing on y = 0" if up == "y" else "faces -Y, Z up, standing on z = 0"
+        lines.append(f"# axes: right-handed, X right, object {told}; unit: {asset.unit}")
     lines += [f"# {name} = {value}" for name, value in asset.params.items()]
     start = 1  # OBJ counts from 1, over all objects
     for part in asset.shape.parts:

@@ -42,6 +42,57 @@ def _check(ok: bool, message: str) -> None:
 
 
 @dataclass(frozen=True)
+class Sightings:
+    """Corners of printed sheets (recon.sheet) in photos, m of them.
+
+    view    (m,) int, of the frames
+    board   (m,) int, the sheet's number
+    copy    (m,) int, from 0: which one in this photo, where several of one number lie about
+    corner  (m,) int, of the board
+    pixels  (m, 2) float, in the working copies, as their lens shows it
+    """
+
+    view: np.ndarray
+    board: np.ndarray
+    copy: np.ndarray
+    corner: np.ndarray
+    pixels: np.ndarray
+
+    def __post_init__(self) -> None:
+        m = len(self.view)
+        _check(all(len(a) == m for a in (self.board, self.copy, self.corner)), "one board, copy and corner each")
+        _check(self.pixels.shape == (m, 2), f"pixels must be ({m}, 2), got {self.pixels.shape}")
+
+
+@dataclass(frozen=True)
+class PrintedSheet:
+    """A printed sheet where it lies.
+
+    name    as people know it, "sheet 2"
+    world_from_sheet  (4, 4) float, a similarity from its own frame: metres as they should have been printed, x to the
+            right, y up the page, z out of it, the origin in the board's middle
+    names   the photos that show it there
+    error   px, by which its corners miss in the median of these
+    """
+
+    name: str
+    world_from_sheet: np.ndarray
+    names: tuple[str, ...]
+    error: float
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Metres of an SfM unit."""
+        return 1 / float(np.linalg.norm(self.world_from_sheet[:3, 0]))
+
+    @property
+    def plane(self) -> np.ndarray:
+        """(4,) plane that it lies in, n away from the side that is printed on."""
+        normal = self.world_from_sheet[:3, 2] * self.metres_per_unit
+        return np.array([*normal, -normal @ self.world_from_sheet[:3, 3]])
+
+
+@dataclass(frozen=True)
 class Frames:
     """Upright photographs at working size, as PNG/JPEG files that every later stage reads.
 
@@ -53,6 +104,7 @@ class Frames:
     alpha      V paths of a mask taken from the photo's own alpha channel, or None
     skipped    (name, reason) of files that could not be used
     original   (V, 2) int or None, (width, height) in pixels of the upright originals
+    sheets     corners of printed sheets in them, None where none was found
     """
 
     names: tuple[str, ...]
@@ -63,6 +115,7 @@ class Frames:
     alpha: tuple[Path | None, ...]
     skipped: tuple[tuple[str, str], ...] = ()
     original: np.ndarray | None = None
+    sheets: Sightings | None = None
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -132,6 +185,27 @@ class Lens:
 
 
 @dataclass(frozen=True)
+class Observations:
+    """Where sparse points were measured in photos, m times.
+
+    view, point  (m,) int, of the cameras and points beside it
+    pixels       (m, 2) float, in the undistorted photo
+    """
+
+    view: np.ndarray
+    point: np.ndarray
+    pixels: np.ndarray
+
+    def __post_init__(self) -> None:
+        m = len(self.view)
+        _check(self.point.shape == (m,) and self.pixels.shape == (m, 2), "one point and one pixel a view are needed")
+
+    def subset(self, keep: np.ndarray) -> Observations:
+        """Those at these indices, in that order."""
+        return Observations(self.view[keep], self.point[keep], self.pixels[keep])
+
+
+@dataclass(frozen=True)
 class Poses:
     """Result of structure from motion.
 
@@ -141,6 +215,8 @@ class Poses:
     tracks    (n, V) bool, which camera saw which point
     unregistered  names of photos that could not be placed
     lenses    V lenses that were taken out of the photos, None where nothing was; () when nothing was anywhere
+    observations  where the points were measured, None when that is not known
+    sheets    printed sheets that lie there
     """
 
     cameras: Cameras
@@ -150,6 +226,8 @@ class Poses:
     unregistered: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     lenses: tuple[Lens | None, ...] = ()
+    observations: Observations | None = None
+    sheets: tuple[PrintedSheet, ...] = ()
 
     def __post_init__(self) -> None:
         _check(len(self.lenses) in (0, len(self.cameras)), "one lens a camera is needed, or none at all")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import cv2
 import numpy as np
 import trimesh
+
+from tests.procmodels.closed import open_edges, triangles_of_stl
 
 BLENDS = (b"BLENDER", b"\x28\xb5\x2f\xfd")  # how a .blend begins, plain or packed by Zstandard
 
@@ -22,6 +25,12 @@ def assert_opens(path: Path) -> None:
         assert mesh.extents.max() > 0, path
     elif ending == ".blend":
         assert path.read_bytes().startswith(BLENDS), path
+    elif ending == ".stl":
+        assert open_edges(triangles_of_stl(path.read_bytes())) == 0, path
+    elif ending == ".usdz":
+        with zipfile.ZipFile(path) as archive:
+            assert archive.testzip() is None, path
+            assert archive.namelist()[0].endswith((".usdc", ".usda", ".usd")), path
     elif ending == ".json":
         assert json.loads(path.read_text()), path
     elif ending == ".html":

@@ -12,6 +12,7 @@ ROOMS = ("procmodels", "datasets", "nnproc", "recon")
 WINGS = (
     ("scene", "system", "store"),
     ("geometry",),
+    ("sheet",),
     ("files",),
     ("cameras", "masks"),
     ("shapes",),

@@ -8,15 +8,13 @@ World frame: metres, right-handed, Z up, the object stands on z = 0. Cameras: Op
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from procmodels.blender import silenced
 
 if TYPE_CHECKING:
     from procmodels.studio.room import Room
@@ -50,27 +48,12 @@ class Shot:
     seed: int = 0  # render noise
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Send Blender's own chatter on file descriptor 1 to nowhere (Python cannot intercept C's printf)."""
-    sys.stdout.flush()
-    saved = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(saved, 1)
-        os.close(saved)
-        os.close(nowhere)
-
-
 def load_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Start a clean session and import a mesh: vertices (n, 3), triangles (m, 3) int, the file's axes and units."""
     import bpy
 
     suffix = path.suffix.lower()
-    with _quiet():
+    with silenced():
         bpy.ops.wm.read_factory_settings(use_empty=True)
         try:
             if suffix == ".obj":
@@ -195,5 +178,5 @@ def shoot(shot: Shot, path: Path) -> None:
     scene.view_settings.exposure = shot.exposure
     scene.cycles.seed = shot.seed
     scene.render.filepath = str(path)
-    with _quiet():
+    with silenced():
         bpy.ops.render.render(write_still=True)

@@ -14,6 +14,7 @@ import numpy as np
 from procmodels.studio import materials as materials
 
 Corner = tuple[float, float, float]
+_PAPER_LIFT = 2e-4  # metres above the floor, so that the renderer can tell them apart
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,16 @@ class NearWall:
 
 
 @dataclass(frozen=True)
+class Paper:
+    """A printed page that lies on the floor, flat and without thickness."""
+
+    image: str  # file of the page
+    size: tuple[float, float]  # metres, width and height of the page
+    place: tuple[float, float]  # metres, its middle
+    angle: float = 0.0  # radians about Z, from X to the page's right
+
+
+@dataclass(frozen=True)
 class Room:
     """Four walls round the origin, open above; the object stands in the middle."""
 
@@ -46,6 +57,7 @@ class Room:
     light_angle: float = 0.0  # radians about Z: where the main lamp hangs
     rug: Rug | None = None
     near_wall: NearWall | None = None
+    papers: tuple[Paper, ...] = ()
 
 
 def build(room: Room) -> None:
@@ -60,6 +72,9 @@ def build(room: Room) -> None:
         _wall(f"studio_wall{i}", corners[i], corners[(i + 1) % 4], (low, h), (i / 4, (i + 1) / 4), wall)
     if room.rug:
         _lay(room.rug)
+    for i, paper in enumerate(room.papers):
+        picture = materials.picture(f"studio_paper{i}", Path(paper.image))
+        _quad(f"studio_paper{i}", _turned(paper.size, paper.angle, paper.place, _PAPER_LIFT), (0.0, 1.0), picture)
     if room.near_wall:
         near = room.near_wall
         out = np.array([np.cos(near.angle), np.sin(near.angle)])
@@ -72,13 +87,21 @@ def build(room: Room) -> None:
 
 def _lay(rug: Rug) -> None:
     """The rug's upper side at z = 0, and its edges down to the floor."""
-    a, b = rug.size[0] / 2, rug.size[1] / 2
-    c, s = np.cos(rug.angle), np.sin(rug.angle)
-    flat = [(x * c - y * s, x * s + y * c) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]
+    flat = _turned(rug.size, rug.angle)
     picture = materials.picture("studio_rug", rug.image)
-    _quad("studio_rug", [(x, y, 0.0) for x, y in flat], (0.0, 1.0), picture)
+    _quad("studio_rug", flat, (0.0, 1.0), picture)
     for i in range(4):
-        _wall(f"studio_rug_edge{i}", flat[i], flat[(i + 1) % 4], (-rug.thickness, 0.0), (0.0, 0.02), picture)
+        _wall(f"studio_rug_edge{i}", flat[i][:2], flat[(i + 1) % 4][:2], (-rug.thickness, 0.0), (0.0, 0.02), picture)
+
+
+def _turned(
+    size: tuple[float, float], angle: float, place: tuple[float, float] = (0.0, 0.0), z: float = 0.0
+) -> list[Corner]:
+    """The corners of a level rectangle, counter-clockwise from its lower left."""
+    a, b = size[0] / 2, size[1] / 2
+    c, s = np.cos(angle), np.sin(angle)
+    flat = ((-a, -b), (a, -b), (a, b), (-a, b))
+    return [(place[0] + x * c - y * s, place[1] + x * s + y * c, z) for x, y in flat]
 
 
 def _wall(

@@ -17,12 +17,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from recon.cameras import sfm_diagnosis
+from recon.cameras import sfm_diagnosis, sheet_matches
 from recon.cameras.intrinsics import held
 from recon.cameras.sfm_attempts import climb
 from recon.cameras.sfm_options import LADDER, Attempt, PosesOptions
 from recon.geometry.undistort import undistorted
-from recon.scene import Cameras, Frames, InputError, Lens, Poses, ReconstructionError
+from recon.scene import Cameras, Frames, InputError, Lens, Observations, Poses, ReconstructionError
 from recon.system import scratch
 from recon.system.whole_files import write_picture
 
@@ -44,6 +44,8 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions(), s
     total = len(frames.names)
     if total < 3:
         raise ReconstructionError(f"{total} photos are too few to place cameras; {sfm_diagnosis.REMEDY}")
+    if searched is not None:  # what the photos show beside the object does not turn with it
+        searched = replace(searched, sheets=None)
     if (given := held(frames, options.intrinsics, options.focal_mm)) is not None:
         frames = replace(frames, focal_px=given[:, 0])
         searched = replace(searched, focal_px=given[:, 0]) if searched else None
@@ -89,7 +91,8 @@ def _poses(frames: Frames, found: Attempt, out: Path, warnings: tuple[str, ...])
         tuple(frames.names[i] for i in found.view), found.K, found.cam_from_world, frames.sizes[found.view]
     )
     missing = tuple(name for name, ok in zip(frames.names, found.registered, strict=True) if not ok)
-    return Poses(cameras, tuple(paths), found.points, found.tracks, missing, warnings, tuple(lenses))
+    measured = Observations(found.seen[:, 0], found.seen[:, 1], found.pixels)
+    return Poses(cameras, tuple(paths), found.points, found.tracks, missing, warnings, tuple(lenses), measured)
 
 
 # ---- the child process: the only place that knows pycolmap ----
@@ -162,6 +165,8 @@ def _match(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path
     # Pairs without overlap use up every trial: 10,000 (the default) takes twice the time and gains no pair.
     verification.ransac.max_num_trials = 1000
     pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
+    if order["marks"]:
+        sheet_matches.join(pycolmap, database, order, pair_list, verification)
 
 
 def _map(pycolmap: Any, database: Path, order: dict[str, Any], out: Path) -> list[Any]:
@@ -219,6 +224,14 @@ def _arrays(models: list[Any], images: list[str]) -> dict[str, np.ndarray]:
     tracks = np.zeros((len(points), len(view)), bool)
     for row, (_, point) in enumerate(points):
         tracks[row, [column[e.image_id] for e in point.track.elements if e.image_id in column]] = True
+    row_of = {number: row for row, (number, _) in enumerate(points)}
+    seen, pixels = [np.zeros((0, 2), int)], [np.zeros((0, 2))]
+    for c, v in enumerate(view):
+        measured = [p for p in placed[v].points2D if p.has_point3D()]
+        seen.append(np.array([(c, row_of[p.point3D_id]) for p in measured], int).reshape(-1, 2))
+        raw = np.array([p.xy for p in measured], float).reshape(-1, 2)
+        rays = np.asarray(models[0].cameras[placed[v].camera_id].cam_from_img(raw), float).reshape(-1, 2)
+        pixels.append(np.column_stack([rays, np.ones(len(rays))]) @ K[c, :2].T)
     return {
         "view": np.array(view, int),
         "K": K,
@@ -227,6 +240,8 @@ def _arrays(models: list[Any], images: list[str]) -> dict[str, np.ndarray]:
         "points": np.array([p.xyz for _, p in points]).reshape(-1, 3),
         "tracks": tracks,
         "models": np.array([m.num_reg_images() for m in models], int),
+        "seen": np.concatenate(seen),
+        "pixels": np.concatenate(pixels),
     }
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nnproc import child
+from recon.cameras import sheet_matches
 from recon.cameras.intrinsics import held
 from recon.cameras.pair_selection import camera_groups, image_pairs
 from recon.cameras.sfm_options import LADDER, Attempt, Rung
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from recon.cameras.sfm_options import PosesOptions
 
 log = logging.getLogger("recon.cameras.poses")
+
+MARKS = 12  # corners of printed sheets that are enough to tie photos together
 
 
 def climb(
@@ -100,6 +103,14 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
     given = held(frames, options.intrinsics, options.focal_mm)
     if given is not None:
         rung = replace(rung, keep_focal=True)
+    marks = sheet_matches.marks(frames)
+    if marks:  # they are certain, and few
+        rung = replace(
+            rung,
+            pair_inliers=min(rung.pair_inliers, MARKS),
+            pose_inliers=min(rung.pose_inliers, MARKS),
+            start_inliers=min(rung.start_inliers, 2 * MARKS),
+        )
     order = {
         "images": [p.name for p in frames.paths],
         "image_dir": str(frames.paths[0].parent.resolve()),
@@ -112,6 +123,7 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
         ),
         "database": str((folder / f"features_{source}.db").resolve()),
         "pair_error": pair_error(frames, options),
+        "marks": marks,
         "rung": asdict(rung),
         "seed": options.seed + number,
         # Of few photos one thread: the time is short anyway, and nothing is left to the order in which threads end.

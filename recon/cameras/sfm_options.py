@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -64,7 +64,8 @@ class Attempt:
 
     view (v,) int ascending indices into the frames; K (v, 3, 3); distortion (v,); cam_from_world (v, 4, 4);
     points (n, 3); tracks (n, v) bool; keypoints, pairs (V,) int: features, and photos that verifiably overlap;
-    models: sizes of all partial models, largest first.
+    models: sizes of all partial models, largest first; seen (m, 2) int, view (of the v) and point of every measurement,
+    at pixels (m, 2) of the undistorted photos.
     """
 
     view: np.ndarray
@@ -76,6 +77,8 @@ class Attempt:
     keypoints: np.ndarray
     pairs: np.ndarray
     models: np.ndarray
+    seen: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), int))
+    pixels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
     def centres(self) -> np.ndarray:
         """(v, 3) float, where the photos were taken from."""

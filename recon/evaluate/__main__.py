@@ -14,7 +14,7 @@ from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
 from procmodels import ModelError, load, names, paper_names
 from procmodels.registry import PAPER
-from recon.evaluate import alignment, calibration, chair, gallery, robust, space_pictures
+from recon.evaluate import alignment, calibration, chair, gallery, printed_sheet, robust, space_pictures
 from recon.evaluate.beliefs import command as beliefs
 from recon.evaluate.beliefs import gather
 from recon.evaluate.rows import Row, machine, print_table, read_json_rows, write_json
@@ -49,6 +49,7 @@ def _command(argv: list[str] | None, about: net.About) -> int:
     _calibration_flags(tables.add_parser("calibration", help="is the stated confidence right? sets and plots it"))
     _beliefs_flags(tables.add_parser("beliefs", help="what may be stated of real objects, and what is none; sets it"))
     _alignment_flags(tables.add_parser("alignment", help="up, yaw, front and size of photo sets that make it hard"))
+    _sheet_flags(tables.add_parser("sheet", help="size, up and cameras by a printed sheet"))
     for table in tables.choices.values():
         table.add_argument("--json", type=Path, metavar="FILE", help="also write the rows there")
     _gallery_flags(tables.add_parser("gallery", help="a picture of each class: shapes, voxels, rebuilt meshes"))
@@ -207,6 +208,14 @@ def _alignment_flags(parser: argparse.ArgumentParser) -> None:
         "--kind", action="append", choices=kinds, metavar="NAME", help=f"may be repeated; {', '.join(kinds)}"
     )
     parser.set_defaults(run=lambda args: _told(args, list(alignment.run(args.work, args.kind or ()))))
+
+
+def _sheet_flags(parser: argparse.ArgumentParser) -> None:
+    kinds = [kind.name for kind in printed_sheet.KINDS]
+    parser.add_argument(
+        "--kind", action="append", choices=kinds, metavar="NAME", help=f"may be repeated; {'; '.join(kinds)}"
+    )
+    parser.set_defaults(run=lambda args: _told(args, list(printed_sheet.run(args.work, args.kind or ()))))
 
 
 def _calibration_flags(parser: argparse.ArgumentParser) -> None:

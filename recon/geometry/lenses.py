@@ -99,3 +99,16 @@ def bent(lens: Lens, rays: np.ndarray) -> np.ndarray:
     for _ in range(lens.turns):  # a turn by 90 degrees clockwise: pixel (u, v) goes to (h - v, u)
         u, v, width, height = height - v, u, height, width
     return np.column_stack([u, v])
+
+
+def unbent(lens: Lens, pixels: np.ndarray) -> np.ndarray:
+    """(n, 3) rays (x, y, 1) of the upright camera landing on pixels (n, 2) of the upright photo, of the lens's size."""
+    u, v = pixels.T
+    width, height = (int(n) for n in (lens.size[::-1] if lens.turns % 2 else lens.size))
+    for _ in range(lens.turns):  # back to as it was taken
+        u, v, width, height = v, width - u, height, width
+    camera = _pycolmap().Camera(model=lens.model, width=width, height=height, params=lens.params)
+    x, y = np.asarray(camera.cam_from_img(np.column_stack([u, v])), float).reshape(-1, 2).T
+    for _ in range(lens.turns):
+        x, y = -y, x
+    return np.column_stack([x, y, np.ones(len(x))])

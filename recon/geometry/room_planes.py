@@ -149,10 +149,17 @@ def _horizontal(
 
 
 def find_room(
-    points: np.ndarray, cameras: Cameras, rng: np.random.Generator, options: FloorOptions = FloorOptions()
+    points: np.ndarray,
+    cameras: Cameras,
+    rng: np.random.Generator,
+    options: FloorOptions = FloorOptions(),
+    floor: np.ndarray | None = None,
 ) -> Room:
-    """Floor, walls and the floor frame; raises ReconstructionError when there is no floor."""
-    floor = floor_plane(points, cameras, rng, options)
+    """Floor, walls and the floor frame; raises ReconstructionError when there is no floor.
+
+    floor  (4,) float where it is known
+    """
+    floor = floor_plane(points, cameras, rng, options) if floor is None else floor
     normal, target = floor[:3], look_point(cameras)
     distance = float(np.median(np.linalg.norm(cameras.centres() - target, axis=1)))
     focus = target - (normal @ target + floor[3]) * normal

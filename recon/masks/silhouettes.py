@@ -17,6 +17,7 @@ import numpy as np
 from recon.files import mask_images
 from recon.geometry import floor_from_masks, mask_checks, voxel_carving
 from recon.geometry.room_planes import FloorOptions, Room, find_room
+from recon.geometry.sheet_floor import floor_of
 from recon.geometry.undistort import undistorted_mask
 from recon.masks import consistency
 from recon.masks.segmentation import CutoutOptions, cut_out
@@ -59,8 +60,9 @@ def run(
     known, unknown, reasons = mask_images.known(frames, poses, masks_dir)
     given = {cameras.names.index(name): mask for name, (_, mask) in known.items()}
     open_views = [v for v, name in enumerate(cameras.names) if v not in given and name not in dict(reasons)]
-    room, problem = _room(poses, options, bool(open_views))
+    room, problem, about_sheets = _room(poses, options, bool(open_views))
     given, warnings = _white_is_object(given, poses, room, options)
+    warnings += about_sheets
     masks = [given.get(v, np.zeros((int(h), int(w)), bool)) for v, (w, h) in enumerate(cameras.sizes)]
     if open_views:
         try:
@@ -149,13 +151,18 @@ def _white_is_object(
     ]
 
 
-def _room(poses: Poses, options: SilhouetteOptions, needed: bool) -> tuple[Room | None, str]:
-    """The room, or None and why it was not found, which is only said when it is needed."""
+def _room(poses: Poses, options: SilhouetteOptions, needed: bool) -> tuple[Room | None, str, list[str]]:
+    """The room, or None and why it was not found, which is only said when it is needed; warnings about sheets."""
+    floor, about_sheets = None, []
+    if poses.sheets:
+        rng = np.random.default_rng(options.seed)
+        floor, about_sheets = floor_of(poses.sheets, poses.points, poses.cameras, rng, options.floor)
+    rng = np.random.default_rng(options.seed)
     try:
-        return find_room(poses.points, poses.cameras, np.random.default_rng(options.seed), options.floor), ""
+        return find_room(poses.points, poses.cameras, rng, options.floor, floor), "", about_sheets
     except ReconstructionError as error:
         log.log(logging.INFO if needed and len(poses.points) else logging.DEBUG, "%s", error)
-        return None, str(error)
+        return None, str(error), about_sheets
 
 
 def _found(poses: Poses, room: Room, given: dict[int, np.ndarray], options: SilhouetteOptions) -> list[np.ndarray]:

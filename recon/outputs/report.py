@@ -19,12 +19,14 @@ from recon.outputs.result import Result, counted, seen, tried
 from recon.system.names import shown
 
 FILES = {
-    "model.blend": "Blender: named parts, parameters as custom properties of the empty, Z up",
+    "model.blend": "named parts, parameters as custom properties of the empty, Z up",
     "mesh.glb": "glTF for viewers and game engines, Y up",
-    "mesh.obj": "Wavefront OBJ with quads and n-gons, Z up",
+    "mesh.usdz": "USD for phones (augmented reality) and other programs, Y up",
+    "mesh.obj": "Wavefront OBJ with quads and n-gons, Y up, which readers assume (--obj-up z: Z up)",
+    "mesh.stl": "for printers and CAD: closed, in millimetres where the size is known, Z up",
     "params.json": "parameter values with ranges, and the transforms between the frames",
     "contact_sheet.png": "every photo with both outlines, on one page",
-    "cameras/": "COLMAP text model, nerfstudio transforms.json, undistorted images, the mesh in the cameras' frame",
+    "cameras/": "COLMAP model (sparse/0), nerfstudio's transforms.json, undistorted images, the mesh in their frame",
     "masks/": "white = object, for the images in cameras/images",
     "report.json": "this report for programs",
 }
@@ -46,7 +48,7 @@ def words(result: Result, asset: Asset) -> Words:
     article = _article(result.class_name)
     what = f"{article} {spaced(result.class_name)}" + (f" with {_listed(traits)}" if traits else "")
     used, given = int(result.scene.silhouettes.used.sum()), len(result.frames.names)
-    text = f"{what}; {_size(asset)}. "
+    text = f"{what}; {_size(asset, result.size_from)}. "
     title = spaced(result.class_name).capitalize()
     if not result.belongs:
         title = f"Not {article.lower()} {spaced(result.class_name)}: the nearest one"
@@ -96,7 +98,7 @@ def page(
         _warnings(facts),
         "<div class=columns>",
         f"<section><h2>Parameters</h2>{table(asset, facts['params'], sure)}</section>",
-        f"<section><h2>Files</h2>{_files(files)}{_alternatives(facts)}</section>",
+        f"<section><h2>Files</h2>{_files(files, facts['versions'])}{_alternatives(facts)}</section>",
         "</div>",
         f"<section><h2>{heading}</h2>{_legend(facts)}",
         f"<div class=views>{''.join(map(_view, ranked))}</div></section>",
@@ -121,12 +123,14 @@ def _trait(parameter: Parameter, value: Any) -> str:
     return (name if value else f"no {name}") if isinstance(parameter, Flag) else ""
 
 
-def _size(asset: Asset) -> str:
+def _size(asset: Asset, source: str = "") -> str:
     wide, deep, high = np.ptp(asset.shape.bounds(), axis=0) * (asset.metres_per_unit or 1.0)
     if asset.metres_per_unit is not None:
-        return f"{wide:.2f} m wide, {deep:.2f} m deep, {high:.2f} m high"
+        known = f" (by the {source})" if source and not source.startswith("--") else ""
+        return f"{wide:.2f} m wide, {deep:.2f} m deep, {high:.2f} m high{known}"
     return (
-        f"{wide / high:.2f} times as wide and {deep / high:.2f} times as deep as high (real size not given: --height)"
+        f"{wide / high:.2f} times as wide and {deep / high:.2f} times as deep as high (real size not known: give "
+        "--height, or lay a printed sheet beside it)"
     )
 
 
@@ -171,13 +175,24 @@ def _legend(facts: dict[str, Any]) -> str:
     return f"<p class=legend>{''.join(keys)}<span>number: intersection over union, 1 is perfect</span></p>"
 
 
-def _files(files: list[str]) -> str:
+def _files(files: list[str], versions: dict[str, str]) -> str:
+    told = FILES | {"model.blend": f"{_written_by(versions.get('bpy', ''))}: {FILES['model.blend']}"}
     items = [
         f'<dt><a href="{escape(f)}">{escape(f)}</a></dt><dd>{escape(about)}</dd>'
-        for f, about in FILES.items()
+        for f, about in told.items()
         if f in files
     ]
     return f"<dl class=files>{''.join(items)}</dl>"
+
+
+def _written_by(blender: str) -> str:
+    """Which Blender wrote a file, and how older ones get at it."""
+    if not blender.startswith("5."):
+        return f"Blender {blender}".strip()
+    return (
+        f"Blender {blender}, opens in 5.0 and later, and in 4.5 LTS, which can save it for older ones; 4.2 LTS takes "
+        "mesh.usdz or mesh.glb"
+    )
 
 
 def _alternatives(facts: dict[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,13 +44,14 @@ class Result:
     confidence    0..1, with its explanation in words
     alternatives  (description, mean IoU) of runners-up, best first
     seconds       per stage
-    height_m      real height of the object in metres, None when it was not given
+    height_m      real height of the object in metres, None when it is not known
     versions      of the packages that made it
     classes       (name, mean IoU) of every class tried, best first; empty when the class was named
     certainty     how sure each parameter is, None where that is not measured
     shape         what was met when the input was a shape; there are no views then
     views         what the views are, in the plural: "photos", "images", "masks", "views of the splat"
     placed        how they got their cameras: REGISTERED, "given" or "estimated"
+    size_from     what the height is known from: "--height", "printed sheet", or "" where that goes without saying
     belongs       False when the object is taken to be none of the class; the result is then the nearest one
     """
 
@@ -72,6 +74,7 @@ class Result:
     views: str = "photos"
     placed: str = REGISTERED
     belongs: bool = True
+    size_from: str = ""
 
     def __post_init__(self) -> None:
         n = len(self.scene.cameras)
@@ -103,3 +106,17 @@ def tried(classes: tuple[tuple[str, float], ...]) -> str:
     """The classes in words, as in "tried 2 classes: chair 0.91, table 0.62"."""
     noun = "class" if len(classes) == 1 else "classes"
     return f"tried {len(classes)} {noun}: " + ", ".join(f"{name} {iou:.2f}" for name, iou in classes)
+
+
+def about_size(result: Result) -> dict[str, Any]:
+    """For report.json: the real height with what it is known from, and the printed sheets that were found."""
+    sheets = [
+        {
+            "name": s.name,
+            "views": list(s.names),
+            "error_px": round(s.error, 3),
+            "metres_per_sfm_unit": s.metres_per_unit,
+        }
+        for s in result.scene.poses.sheets
+    ]
+    return {"height_metres": result.height_m, "from": result.size_from, "sheets": sheets}

@@ -1,8 +1,8 @@
 """The results of a run as files, written whole or not at all.
 
-Frames: mesh.glb (Y up), mesh.obj and model.blend (Z up) stand on the floor plane, in metres when the height is known,
-otherwise with longest side 1. cameras/ is in the world frame of structure from motion, and cameras/mesh.obj is the mesh
-in that frame. params.json holds the transforms between the three.
+Frames: mesh.glb, mesh.usdz and mesh.obj (Y up, or Z up when asked for) and model.blend (Z up) stand on the floor plane,
+in metres when the height is known, otherwise with longest side 1; mesh.stl (Z up) is in millimetres. cameras/ is in the
+world frame of structure from motion, and cameras/mesh.obj is the mesh in that frame. params.json holds the transforms.
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from procmodels import Model
 from procmodels.export import Asset, export_glb, export_obj, save_blend
 from procmodels.shape import Shape
 from procmodels.space import Choice, Integer, Parameter, Scalar
+from procmodels.stl import export_stl
+from procmodels.usd import export_usd
 from recon.fitting.uncertainty import LEVEL
 from recon.outputs import camera_export, contact_sheet, point_tiles, publish, report
 from recon.outputs.previews import render_previews
-from recon.outputs.result import Result, in_place, seen
+from recon.outputs.result import Result, about_size, in_place, seen
 from recon.system.names import all_shown
 from recon.system.whole_files import write_picture
 
@@ -33,7 +35,8 @@ from recon.system.whole_files import write_picture
 class OutputsOptions:
     """What is written, and how large the pictures are."""
 
-    blender: bool = True  # write model.blend; everything else is written without
+    blender: bool = True  # write model.blend and mesh.usdz; everything else is written without
+    obj_up: str = "y"  # axis of mesh.obj that points up: "y", which programs assume, or "z"
     renders: int = 3  # pictures of the result
     render_size: int = 480  # pixels, width and height of each
     thumbnail: int = 360  # pixels, width of a photo in the report
@@ -41,12 +44,14 @@ class OutputsOptions:
 
 @dataclass(frozen=True)
 class OutputPaths:
-    """Where the results are; blend is None when it was not asked for."""
+    """Where the results are; blend and usd are None when they were not asked for."""
 
     folder: Path
     glb: Path
     obj: Path
+    stl: Path
     blend: Path | None
+    usd: Path | None
     params_json: Path
     report_json: Path
     report_html: Path
@@ -68,7 +73,7 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
     with publish.replacing(out) as fresh, ThreadPoolExecutor(1) as pool:
         drawn = pool.submit(render_previews, asset.shape, options.renders, size)  # while Blender writes the meshes
         _write_meshes(fresh, asset, options)
-        _write_json(fresh / "params.json", params_content(result, asset))
+        _write_json(fresh / "params.json", params_content(result, asset, options))
         if len(result.scene.cameras):
             camera_export.write(fresh / "cameras", result.scene.poses)
             export_obj(asset, fresh / "cameras" / "mesh.obj", world=True)
@@ -131,6 +136,7 @@ def report_content(result: Result, outputs_seconds: float) -> dict[str, Any]:
             "misplaced": list(result.scene.silhouettes.misplaced),
             "unreadable": [{"name": name, "reason": reason} for name, reason in result.frames.skipped],
         },
+        "size": about_size(result),
         "views": views,
         "warnings": list(result.warnings),
         "seconds": {**seconds, "total": round(sum(seconds.values()), 2)},
@@ -155,8 +161,8 @@ def _alternatives(result: Result) -> list[dict[str, Any]]:
     return [{"what": what, "iou": round(score, 4)} for what, score in result.alternatives]
 
 
-def params_content(result: Result, asset: Asset) -> dict[str, Any]:
-    """What params.json holds: values with ranges, and the transforms between the frames."""
+def params_content(result: Result, asset: Asset, options: OutputsOptions = OutputsOptions()) -> dict[str, Any]:
+    """What params.json holds (docs/params.schema.json): values with ranges, and the transforms between the frames."""
     extent = np.ptp(asset.shape.bounds(), axis=0)
     metres = asset.metres_per_unit
     return {
@@ -168,6 +174,7 @@ def params_content(result: Result, asset: Asset) -> dict[str, Any]:
         "size_canonical": [round(float(x), 6) for x in extent],
         "world_from_canonical": result.scene.canonical.world_from_canonical.tolist(),
         "mesh_from_canonical": asset.mesh_from_canonical.tolist(),
+        "obj_up": options.obj_up,
         "height_metres": result.height_m,
         "metres_per_canonical_unit": metres,
         "metres_per_sfm_unit": None if metres is None else metres / result.scene.canonical.scale,
@@ -203,9 +210,11 @@ def asset_of(result: Result, model: Model) -> Asset:
 
 def _write_meshes(folder: Path, asset: Asset, options: OutputsOptions) -> None:
     export_glb(asset, folder / "mesh.glb")
-    export_obj(asset, folder / "mesh.obj")
+    export_obj(asset, folder / "mesh.obj", up=options.obj_up)
+    export_stl(asset, folder / "mesh.stl")
     if options.blender:
         save_blend(asset, folder / "model.blend")
+        export_usd(folder / "mesh.usdz")  # what save_blend left in Blender
 
 
 def _write_masks(folder: Path, result: Result) -> None:
@@ -231,7 +240,9 @@ def _paths(out: Path, options: OutputsOptions) -> OutputPaths:
         folder=out,
         glb=out / "mesh.glb",
         obj=out / "mesh.obj",
+        stl=out / "mesh.stl",
         blend=out / "model.blend" if options.blender else None,
+        usd=out / "mesh.usdz" if options.blender else None,
         params_json=out / "params.json",
         report_json=out / "report.json",
         report_html=out / "report.html",

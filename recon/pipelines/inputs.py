@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from recon.files.shape import SHAPES, Kind, Recognised
-from recon.outputs.write import OutputPaths
+from recon.outputs.write import OutputPaths, OutputsOptions
 from recon.pipelines.stages import Redo
 from recon.scene import InputError
 
@@ -36,6 +36,8 @@ class Asked:
     intrinsics: str | None = None
     focal_mm: str | None = None
     frames: int | None = None
+    obj_up: str = "y"
+    ruler: float | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,8 @@ def _shape(asked: Asked, seen: Recognised) -> OutputPaths:
     from recon.pipelines import shape  # each where it is used: all of them together take seconds to load
 
     stands = shape.ShapeOptions(up=asked.up or "auto", front=asked.front or "auto")
-    options = shape.ShapeRunOptions(asked.class_name, asked.height, asked.seed, asked.redo, stands)
+    written = OutputsOptions(obj_up=asked.obj_up)
+    options = shape.ShapeRunOptions(asked.class_name, asked.height, asked.seed, asked.redo, stands, outputs=written)
     return shape.run(asked.source, asked.out, seen, options)
 
 
@@ -112,6 +115,7 @@ def _image(asked: Asked, seen: Recognised) -> OutputPaths:
         doubt=checked_doubt(asked.camera_off, asked.pix3d),
         intrinsics=parse_intrinsics(asked.intrinsics) if asked.intrinsics else None,
         focal_mm=parse_focal_mm(asked.focal_mm) if asked.focal_mm else None,
+        outputs=OutputsOptions(obj_up=asked.obj_up),
     )
     pipeline = mask_set if asked.source.is_dir() else image
     return pipeline.run(asked.source, asked.out, options)
@@ -127,6 +131,7 @@ def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
     options = photos.ReconOptions(
         class_name=asked.class_name,
         height=asked.height,
+        ruler=asked.ruler,
         seed=asked.seed,
         redo=asked.redo,
         masks=asked.source if seen.kind == Kind.MASKS else asked.masks,
@@ -137,6 +142,7 @@ def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
         focal_mm=parse_focal_mm(asked.focal_mm) if asked.focal_mm else None,
         poses=PosesOptions(turntable=asked.turntable),
         video=video,
+        outputs=OutputsOptions(obj_up=asked.obj_up),
     )
     return photos.run(asked.source, asked.out, options)
 
@@ -146,11 +152,12 @@ def _takes(flags: Sequence[str]) -> frozenset[str]:
 
 
 LENS, CAMERAS = ("intrinsics", "focal_mm"), ("cameras", "allow_outside")
+SEEN = ("masks", "ruler")  # of photos
 WAYS = {
-    "photos": Way("photos", _takes(["masks", "turntable", "cameras", *LENS]), _photos),
-    "photos in cameras": Way("photos with known cameras", _takes(["masks", *CAMERAS]), _photos),
-    "video": Way("a video", _takes(["masks", "turntable", "frames", "cameras", *LENS]), _photos),
-    "video in cameras": Way("a video with known cameras", _takes(["masks", "frames", *CAMERAS]), _photos),
+    "photos": Way("photos", _takes([*SEEN, "turntable", "cameras", *LENS]), _photos),
+    "photos in cameras": Way("photos with known cameras", _takes([*SEEN, *CAMERAS]), _photos),
+    "video": Way("a video", _takes([*SEEN, "turntable", "frames", "cameras", *LENS]), _photos),
+    "video in cameras": Way("a video with known cameras", _takes([*SEEN, "frames", *CAMERAS]), _photos),
     "image": Way("one image", _takes(["mask", "box", "pix3d", "camera_off", *LENS]), _image),
     "masks": Way("a folder of masks", _takes(["cameras", *LENS]), _image),
     "masks in cameras": Way("masks with known cameras", _takes(CAMERAS), _photos),

@@ -8,9 +8,9 @@ from pathlib import Path
 from nnproc.infer import WeightsError, load_network
 from procmodels import Model
 from recon import scene
-from recon.cameras import known_cameras, poses, register_missing, turntable
+from recon.cameras import known_cameras, poses, register_missing, sheet_place, turntable
 from recon.cameras.sfm_options import PosesOptions
-from recon.files import frames, mask_images, video, zipped
+from recon.files import frames, mask_images, sheet_search, video, zipped
 from recon.fitting import quality, refine, uncertainty
 from recon.fitting import view_starts as fit
 from recon.geometry import align
@@ -19,7 +19,7 @@ from recon.masks import silhouettes
 from recon.outputs import write as outputs
 from recon.outputs.result import REGISTERED
 from recon.outputs.write import OutputPaths
-from recon.pipelines import checks, class_selection, out_folder, photo_source, results
+from recon.pipelines import checks, class_selection, out_folder, photo_source, real_size, results
 from recon.pipelines.results import About
 from recon.pipelines.stages import LAST, Redo, Stages
 from recon.scene import InputError, Scene
@@ -37,6 +37,7 @@ class ReconOptions:
     class_name: str = "chair"  # a model of procmodels, the path of a model's .py file, or "auto"
     masks: Path | None = None  # folder, or zip file, of the user's own masks
     height: float | None = None  # real height of the object in metres
+    ruler: float | None = None  # mm, what a printed sheet's ruler measures; None: as it should
     seed: int = 0
     redo: Redo = field(default_factory=Redo)
     cameras: Path | None = None  # a COLMAP model's folder or a transforms.json: where the photos were taken from
@@ -46,6 +47,7 @@ class ReconOptions:
     focal_mm: tuple[float, float] | None = None  # focal length and sensor width in mm
     video: video.VideoOptions = field(default_factory=video.VideoOptions)
     frames: frames.FramesOptions = field(default_factory=frames.FramesOptions)
+    sheet: sheet_search.SheetOptions = field(default_factory=sheet_search.SheetOptions)
     poses: PosesOptions = field(default_factory=PosesOptions)
     silhouettes: silhouettes.SilhouetteOptions = field(default_factory=silhouettes.SilhouetteOptions)
     align: align.AlignOptions = field(default_factory=align.AlignOptions)
@@ -64,6 +66,7 @@ def run(photos: Path, out: Path, options: ReconOptions = ReconOptions()) -> Outp
     """
     models = _checked(photos, options)
     checks.check(options.height, out)
+    real_size.check_ruler(options.ruler)
     with out_folder.claimed(out, {"INPUT": photos, "--masks": options.masks, "--cameras": options.cameras}) as work:
         return _run(photos, out, work, models, _seeded(options))
 
@@ -83,7 +86,11 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         options = replace(options, frames=replace(options.frames, same_difference=-1.0))
     stages = Stages(work, STAGES, dataclasses_of(*KNOWN), [source.key, options.seed], options.redo)
 
-    shots = stages.run("frames", options.frames, lambda: frames.run(source.folder, work, options.frames))
+    shots = stages.run(
+        "frames",
+        [options.frames, options.sheet],
+        lambda: sheet_search.run(frames.run(source.folder, work, options.frames), source.folder, options.sheet),
+    )
     drawn = unpacked(options.masks, work) or (source.cameras.masks if source.cameras else None)
     masks_key = "none" if drawn is None else digest_of(mask_images.files(drawn), drawn)
     looked_at = masks_key if source.cameras or options.poses.turntable else "none"
@@ -98,14 +105,19 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
     solid = stages.run("hull", options.hull, lambda: hull.run(seen, options.hull))
     chosen = _chosen(stages, models, seen, solid, options)
     verdict = quality.run(chosen.model, seen, chosen.refined, len(shots.names))
+    refined = chosen.refined
+    size = real_size.decide(
+        options.height, options.ruler, placed.sheets, refined.canonical, chosen.model, refined.params
+    )
     about = About(
         stages.seconds,
         options.seed,
-        options.height,
-        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings),
+        size.height,
+        warnings=(*source.warnings, *placed.warnings, *masks.warnings, *chosen.warnings, *size.warnings),
         classes=chosen.classes,
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
+        size_from=size.source,
     )
     result = results.of_views(chosen.model, shots, seen, chosen.refined, verdict, about)
     stages.last()
@@ -120,7 +132,14 @@ def unpacked(masks: Path | None, work: Path) -> Path | None:
 def _placed(
     shots: scene.Frames, source: photo_source.Photos, drawn: Path | None, work: Path, options: ReconOptions
 ) -> scene.Poses:
-    """The stage "poses": the cameras given, or structure from motion; `drawn` is the folder of masks."""
+    """The stage "poses": the cameras, and where printed sheets lie; `drawn` is the folder of masks."""
+    return sheet_place.run(shots, _cameras(shots, source, drawn, work, options))
+
+
+def _cameras(
+    shots: scene.Frames, source: photo_source.Photos, drawn: Path | None, work: Path, options: ReconOptions
+) -> scene.Poses:
+    """The cameras given, or structure from motion."""
     if source.cameras is not None:
         given = known_cameras.run(shots, source.cameras, work, drawn)
         return register_missing.run(shots, given, work, options.poses) if source.cameras.others else given

@@ -28,6 +28,7 @@ class About:
     classes: tuple[tuple[str, float], ...] = ()
     views: str = "photos"
     placed: str = REGISTERED
+    size_from: str = ""
 
 
 def of_views(model: Model, frames: Frames, scene: Scene, refined: Refined, verdict: Verdict, about: About) -> Result:
@@ -71,4 +72,5 @@ def _result(
         views=about.views,
         placed=about.placed,
         belongs=verdict.belongs,
+        size_from=about.size_from,
     )

@@ -15,11 +15,11 @@ import trimesh
 
 import procmodels
 from procmodels.space import Choice
-from recon.outputs import camera_export, contact_sheet, report, write
+from recon.outputs import camera_export, colmap_export, contact_sheet, report, write
 from recon.outputs.previews import ShadeOptions, render_previews
 from recon.outputs.result import seen
 from recon.outputs.write import OutputsOptions
-from recon.scene import Canonical, InputError, Scene, cam_from_canonical
+from recon.scene import Canonical, InputError, Observations, Scene, cam_from_canonical
 from tests.made_up import CHAIR, made_up, without_views
 from tests.results import assert_opens
 
@@ -57,6 +57,8 @@ def test_everything_is_there_and_nothing_else(written):
     assert names == {
         "mesh.glb",
         "mesh.obj",
+        "mesh.stl",
+        "mesh.usdz",
         "model.blend",
         "params.json",
         "report.json",
@@ -67,7 +69,15 @@ def test_everything_is_there_and_nothing_else(written):
         ".recon",
     }
     assert [p.name for p in (written.folder / ".recon").iterdir()] == ["manifest.json"]
-    for path in (written.glb, written.obj, written.blend, written.report_html, written.contact_sheet):
+    for path in (
+        written.glb,
+        written.obj,
+        written.stl,
+        written.usd,
+        written.blend,
+        written.report_html,
+        written.contact_sheet,
+    ):
         assert_opens(path)
 
 
@@ -102,6 +112,8 @@ def test_params_json_leads_from_canonical_to_metres_and_back(written, result, co
     to_mesh = np.array(content["mesh_from_canonical"])
     mesh = trimesh.load_mesh(written.obj)
     moved = corners @ to_mesh[:3, :3].T + to_mesh[:3, 3]
+    assert content["obj_up"] == "y"
+    moved = moved[:, [0, 2, 1]] * (1, 1, -1)
     assert mesh.bounds == pytest.approx(np.stack([moved.min(0), moved.max(0)]), abs=1e-5)
     # SfM units to metres: the world mesh, scaled, is as large as the real one.
     world = trimesh.load_mesh(written.cameras / "mesh.obj")
@@ -119,7 +131,7 @@ def test_metres_follow_the_height_of_a_wide_object(result, model, tmp_path):
 def test_colmap_text_projects_to_the_same_pixels(written, result, corners):
     import pycolmap
 
-    model = pycolmap.Reconstruction(str(written.cameras))
+    model = pycolmap.Reconstruction(str(written.cameras / "sparse" / "0"))
     assert len(model.images) == 3
     assert len(model.points3D) == 20
     expected = cam_from_canonical(result.scene.cameras, result.scene.canonical)
@@ -134,6 +146,43 @@ def test_colmap_text_projects_to_the_same_pixels(written, result, corners):
             _pixels(corners, expected[i], result.scene.cameras.K[i]), abs=1e-5
         )
         assert cv2.imread(str(written.cameras / "images" / image.name)).shape[1::-1] == (camera.width, camera.height)
+
+
+def test_colmap_tracks_lead_to_the_points_that_they_are_of(written, result):
+    """Each 2D point of an image names a 3D point whose track names it back, and lies where that one is seen."""
+    import pycolmap
+
+    model = pycolmap.Reconstruction(str(written.cameras / "sparse" / "0"))
+    tracks = result.scene.poses.tracks
+    counted = 0
+    for image in model.images.values():
+        for k, measured in enumerate(image.points2D):
+            point = model.points3D[measured.point3D_id]
+            assert (image.image_id, k) in {(e.image_id, e.point2D_idx) for e in point.track.elements}
+            assert image.project_point(point.xyz) == pytest.approx(measured.xy, abs=1e-3)
+            assert tracks[measured.point3D_id - 1, image.image_id - 1]
+            counted += 1
+    assert counted == model.compute_num_observations() > 20
+
+
+def test_measured_pixels_are_written_where_they_are_known(result, tmp_path):
+    poses = result.scene.poses
+    seen = colmap_export.observations(poses)
+    moved = replace(poses, observations=Observations(seen.view, seen.point, seen.pixels + np.array([0.3, 0.4])))
+    colmap_export.write(tmp_path / "model", moved, ["a.png", "b.png", "c.png"])
+    lines = (tmp_path / "model" / "points3D.txt").read_text().splitlines()[1:]
+    errors = [float(line.split()[7]) for line in lines if len(line.split()) > 8]
+    assert errors == pytest.approx([0.5] * len(errors), abs=1e-3)
+
+
+def test_sparse_points_as_trainers_read_them(written, result):
+    content = json.loads((written.cameras / "transforms.json").read_text())
+    cloud = trimesh.load(written.cameras / content["ply_file_path"])
+    assert cloud.vertices == pytest.approx(result.scene.poses.points, rel=1e-6)
+    assert cloud.colors.shape == (20, 4)
+    head = (written.cameras / content["ply_file_path"]).read_bytes().split(b"end_header")[0]
+    for name in (b"nx", b"nz", b"red", b"blue"):
+        assert b" " + name + b"\n" in head
 
 
 def test_transforms_json_projects_to_the_same_pixels(written, result, corners):
@@ -204,6 +253,14 @@ def test_report_html_says_what_matters(written):
     assert "b.JPG" in words
     assert "it disagrees" in words
     assert words.index("c <i>&.png") < words.rindex("d.jpg"), "views that are not used come last"
+
+
+def test_report_says_which_blender_wrote_the_file(result, model, tmp_path):
+    told = replace(result, versions={"python": "3.11", "bpy": "5.0.1"})
+    paths = write.run(told, tmp_path / "out", replace(SMALL, blender=True), model)
+    words = _Page(paths.report_html.read_text()).words
+    assert "Blender 5.0.1" in words
+    assert "4.2 LTS takes mesh.usdz or mesh.glb" in words
 
 
 def test_words_without_a_real_size_or_views(result, model, tmp_path):

@@ -30,6 +30,7 @@ GIVEN = {
     "intrinsics": "1,1,1,1",
     "focal_mm": "28",
     "frames": 12,
+    "ruler": 147.0,
 }
 KINDS = {
     "photos": Kind.PHOTOS,
@@ -43,7 +44,7 @@ KINDS = {
 
 def test_every_flag_of_the_command_is_common_or_in_the_table():
     flags = {a.dest for a in parser()._actions}
-    common = {"help", "photos", "input", "class_name", "out", "height", "seed", "force", "start", "verbose"}
+    common = {"help", "photos", "input", "class_name", "out", "height", "obj_up", "seed", "force", "start", "verbose"}
     assert flags - common == set(GIVEN) == {f for way in WAYS.values() for f in way.flags}
 
 

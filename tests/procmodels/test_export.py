@@ -14,6 +14,7 @@ import trimesh
 import procmodels
 from procmodels.export import Asset, export_glb, export_obj, save_blend, with_normals
 from procmodels.shape import Part
+from procmodels.usd import export_usd
 from tests.made_up import CHAIR, world_from_canonical
 
 HEIGHT = 0.92
@@ -111,19 +112,51 @@ def _gltf(path: Path) -> dict:
     return json.loads(data[20 : 20 + length])
 
 
-def test_obj_is_z_up_and_keeps_names_and_polygons(asset, tmp_path):
-    export_obj(asset, tmp_path / "m.obj")
+@pytest.mark.parametrize(("up", "axis"), [("y", 1), ("z", 2)])
+def test_obj_stands_on_its_up_axis_and_keeps_names_and_polygons(asset, tmp_path, up, axis):
+    export_obj(asset, tmp_path / "m.obj", up=up)
     text = (tmp_path / "m.obj").read_text()
-    assert "Z up" in text.splitlines()[1]
+    assert f"{up.upper()} up" in text.splitlines()[1]
     assert "metres" in text.splitlines()[1]
     assert "# width = 0.5" in text
     sides = [len(line.split()) - 1 for line in text.splitlines() if line.startswith("f ")]
     assert sides == [len(f) for p in asset.shape.parts for f in p.faces]
     scene = trimesh.load_scene(tmp_path / "m.obj", split_objects=True, group_material=False)
     assert set(scene.geometry) == {p.name.replace(" ", "_") for p in asset.shape.parts}
-    assert scene.bounds[0, 2] == pytest.approx(0, abs=1e-6)
-    assert np.ptp(scene.bounds, axis=0) == pytest.approx(HEIGHT * np.ptp(asset.shape.bounds(), axis=0), rel=1e-5)
+    assert scene.bounds[0, axis] == pytest.approx(0, abs=1e-6)
+    order = [0, 2, 1] if up == "y" else [0, 1, 2]
+    assert np.ptp(scene.bounds, axis=0) == pytest.approx(HEIGHT * np.ptp(asset.shape.bounds(), axis=0)[order], rel=1e-5)
     assert scene.volume == pytest.approx(asset.shape.to_trimesh().volume * HEIGHT**3, rel=1e-4)
+
+
+def test_obj_stands_upright_and_faces_the_same_way_in_blender(asset, tmp_path):
+    """Blender's importer takes files for Y up unless told otherwise."""
+    export_obj(asset, tmp_path / "m.obj")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.obj_import(filepath=str(tmp_path / "m.obj"))
+    bpy.context.view_layer.update()
+    points = {o.name: np.array([o.matrix_world @ v.co for v in o.data.vertices]) for o in bpy.data.objects}
+    everything = np.concatenate(list(points.values()))
+    assert everything[:, 2].min() == pytest.approx(0, abs=1e-6)
+    assert np.ptp(everything[:, 2]) == pytest.approx(HEIGHT, rel=1e-5)
+    assert points["back_rail"][:, 1].min() > 0, "it faces -Y"
+
+
+def test_usd_stands_upright_with_names_and_values(asset, tmp_path, capfd):
+    """What Blender reads back, which turns Y up to Z up."""
+    save_blend(asset, tmp_path / "m.blend")
+    export_usd(tmp_path / "m.usdz")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.usd_import(filepath=str(tmp_path / "m.usdz"))
+    bpy.context.view_layer.update()
+    meshes = [o for o in bpy.data.objects if o.type == "MESH"]
+    points = np.concatenate([[o.matrix_world @ v.co for v in o.data.vertices] for o in meshes])
+    assert points[:, 2].min() == pytest.approx(0, abs=1e-5)
+    assert np.ptp(points[:, 2]) == pytest.approx(HEIGHT, rel=1e-4)
+    assert len(meshes) == len(asset.shape.parts)
+    assert "USD export" not in capfd.readouterr().out
+    with pytest.raises(OSError, match="nowhere"):
+        export_usd(tmp_path / "nowhere" / "m.usdz")
 
 
 def test_obj_in_the_frame_of_the_cameras(asset, tmp_path):
@@ -143,7 +176,7 @@ def test_without_a_real_size_the_longest_side_is_one(asset, tmp_path):
     export_obj(plain, tmp_path / "m.obj")
     mesh = trimesh.load_mesh(tmp_path / "m.obj")
     assert mesh.extents.max() == pytest.approx(1, rel=1e-5)
-    assert mesh.bounds[0, 2] == pytest.approx(0, abs=1e-6)
+    assert mesh.bounds[0, 1] == pytest.approx(0, abs=1e-6)
     assert "longest side = 1" in (tmp_path / "m.obj").read_text()
 
 
