@@ -58,6 +58,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--intrinsics", metavar="FX,FY,CX,CY", help="in pixels of the original photos; held")
     p.add_argument("--focal-mm", metavar="F[,WIDTH]", help="focal length and sensor width in mm (36); held")
     p.add_argument("--frames", type=whole, metavar="N", help="of a video, that are used (default 40)")
+    p.add_argument("--plain", action="store_true", help="no colours and no texture from the input")
     p.add_argument("--seed", type=seed, default=0, help="same seed, same result (default 0)")
     p.add_argument("--force", action="store_true", help="redo every stage")
     p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")

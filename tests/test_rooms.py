@@ -16,6 +16,7 @@ WINGS = (
     ("cameras", "masks"),
     ("shapes",),
     ("fitting",),
+    ("appearance",),
     ("outputs",),
     ("pipelines",),
     ("viewer", "evaluate"),

@@ -22,6 +22,8 @@ FILES = {
     "model.blend": "Blender: named parts, parameters as custom properties of the empty, Z up",
     "mesh.glb": "glTF for viewers and game engines, Y up",
     "mesh.obj": "Wavefront OBJ with quads and n-gons, Z up",
+    "mesh.mtl": "its materials: a colour a part, from the input",
+    "texture.jpg": "its texture, also inside model.blend and mesh.glb",
     "params.json": "parameter values with ranges, and the transforms between the frames",
     "contact_sheet.png": "every photo with both outlines, on one page",
     "cameras/": "COLMAP text model, nerfstudio transforms.json, undistorted images, the mesh in the cameras' frame",

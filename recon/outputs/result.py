@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from procmodels.look import Look
 from procmodels.space import Params
 from recon.fitting.uncertainty import Certainty
 from recon.scene import Frames, Scene
@@ -51,6 +52,7 @@ class Result:
     views         what the views are, in the plural: "photos", "images", "masks", "views of the splat"
     placed        how they got their cameras: REGISTERED, "given" or "estimated"
     belongs       False when the object is taken to be none of the class; the result is then the nearest one
+    look          colours and texture of the result's parts, None when there are none
     """
 
     class_name: str
@@ -72,6 +74,7 @@ class Result:
     views: str = "photos"
     placed: str = REGISTERED
     belongs: bool = True
+    look: Look | None = None
 
     def __post_init__(self) -> None:
         n = len(self.scene.cameras)

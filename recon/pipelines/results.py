@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from procmodels import Model
+from procmodels.look import Look
 from procmodels.space import Params
 from recon.fitting.quality import Verdict
 from recon.fitting.refine import Refined
@@ -28,6 +29,7 @@ class About:
     classes: tuple[tuple[str, float], ...] = ()
     views: str = "photos"
     placed: str = REGISTERED
+    look: Look | None = None
 
 
 def of_views(model: Model, frames: Frames, scene: Scene, refined: Refined, verdict: Verdict, about: About) -> Result:
@@ -71,4 +73,5 @@ def _result(
         views=about.views,
         placed=about.placed,
         belongs=verdict.belongs,
+        look=about.look,
     )
