@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from procmodels.shape import Part
-from recon.appearance.agreement import weighted_median
+from procmodels.look import srgb
 from recon.appearance.atlas import Atlas
 from recon.appearance.blend import Blend
 from recon.appearance.cell_images import CellImages
@@ -19,26 +18,6 @@ CLOSE = 0.05  # canonical units: farther from what is seen, the part's base colo
 NEIGHBOURS = 6
 SEEN = 0.5  # of Blend.known: photos know the place
 ALIKE = 0.12  # log colours: two sides that differ by less are the same
-FEWEST = 4  # squares of the texture that a part must be seen in to have a colour of its own
-
-
-def base_colours(parts: tuple[Part, ...], part: np.ndarray, colour: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(P, 3) float linear: of every part the median over its cells, whose part (m,), colour (m, 3), weight (m,) these
-    are. A part that is not seen takes the colour of those with the same first word in their names, else of all.
-    """
-    known = np.isfinite(colour[:, 0]) & (weight > 0)
-    groups = [p.name.split(" ")[0] for p in parts]
-    kin = np.array([[a == b for b in groups] for a in groups])
-    out = np.empty((len(parts), 3))
-    for i in range(len(parts)):
-        for family in (part == i, kin[i][part], np.ones(len(part), bool)):
-            those = family & known
-            if those.sum() >= FEWEST:
-                break
-        if not those.any():
-            raise ValueError("no cell has a colour")
-        out[i] = weighted_median(colour[those][:, None], weight[those][:, None])[0]
-    return out
 
 
 def filled(
@@ -128,8 +107,6 @@ def _mirrored(
 
 def picture(texels: Texels, colour: np.ndarray) -> np.ndarray:
     """(size, size, 3) uint8 sRGB of linear colours (n, 3) at texels; pixels without surface take the nearest."""
-    from procmodels.look import srgb
-
     table = np.rint(255 * srgb(np.linspace(0, 1, 4096))).astype(np.uint8)
     values = table[np.rint(4095 * np.clip(colour, 0, 1)).astype(np.int32)]
     empty = np.ones(texels.size**2, np.uint8)

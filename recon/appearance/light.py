@@ -1,11 +1,14 @@
 """The light in which the photos were taken, from the colours of a known shape; without it, a base colour is shaded.
 
 Light comes from directions of the sky that nothing blocks, back from the floor, and from the object's own surfaces.
-How much from each is found together with one brightness a part: parts have many sides, and turn the same colour to
-all of them. What cannot be told (a table's top has one side) stays at even light.
+How much from each is found together with one brightness a material: its parts have many sides, and turn the same
+colour to all of them. What cannot be told (a table's top has one side) stays at even light. How bright all of it is
+cannot be told either: on the whole the colours stay as bright as the photos show them.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
@@ -16,47 +19,72 @@ from recon.appearance.views import Rays
 
 DIRECTIONS = 48  # of light, over the whole sphere
 FLOOR, OWN = 0.45, 0.35  # even light: what floor and object send back of what they get
-HELD = 0.15  # how strongly even light is held on to, beside relative errors
+HELD = 0.03  # how strongly even light is held on to, beside relative errors
 SOME = 5_000  # places that decide
-SWEEPS = 6
-DARKEST, BRIGHTEST = 0.25, 1.25  # of the light on level ground in the open
+SWEEPS, SHARED = 8, 4  # in the first of them every material has one brightness
+OTHER = 0.6  # log brightness: a part farther from its material is of another one
+DARKEST, BRIGHTEST = 0.15, 1.4  # of the light on level ground in the open
 LIFT = 2e-3  # canonical units above the surface, where rays begin
+FEWEST = 6  # places that a part must be seen in to be told from its material
 
 
-def light(cells: Texels, atlas: Atlas, rays: Rays, colour: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(m,) float: the light at every place, as a share of what level ground in the open gets.
+@dataclass(frozen=True)
+class Light:
+    """shade (m,) float: the light at every place, 1 in the mean of what is seen; material (P,) int of every part."""
 
-    colour  (m, 3) float linear, NaN where not seen
-    weight  (m,) float, how much the photos say about each
+    shade: np.ndarray
+    material: np.ndarray
+
+
+def light(
+    cells: Texels, atlas: Atlas, rays: Rays, colour: np.ndarray, weight: np.ndarray, material: np.ndarray
+) -> Light:
+    """Find the light, and tell parts from their material that are much brighter or darker in it.
+
+    colour    (m, 3) float linear, NaN where not seen
+    weight    (m,) float, how much the photos say about each
+    material  (P,) int, what parts look alike in hue
     """
     reach = _reach(cells, atlas, rays)
-    even = _even()
     told = np.flatnonzero(np.isfinite(colour[:, 0]) & (weight > 0))
     some = told[:: max(1, len(told) // SOME)]
-    if not len(some):
-        return _bounded(reach @ even, even)
-    part = atlas.part[cells.triangle[some]]
-    found = _solved(reach[some], colour[some] @ (0.2126, 0.7152, 0.0722), weight[some], part, even)
-    return _bounded(reach @ found, found)
+    found = _even()
+    if len(some):
+        bright = np.maximum(colour[some] @ (0.2126, 0.7152, 0.0722), 1e-3)
+        found, material = _solved(reach[some], bright, weight[some], atlas.part[cells.triangle[some]], material)
+    shade = np.clip(reach @ found, DARKEST, BRIGHTEST)
+    return Light(shade / np.exp(np.median(np.log(shade[told]))) if len(told) else shade, material)
 
 
 def _solved(
-    reach: np.ndarray, bright: np.ndarray, weight: np.ndarray, part: np.ndarray, even: np.ndarray
-) -> np.ndarray:
-    """How much light comes from each source, in turn with a brightness for every part."""
-    _, part = np.unique(part, return_inverse=True)
-    found = even
+    reach: np.ndarray, bright: np.ndarray, weight: np.ndarray, part: np.ndarray, material: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How much light comes from each source, in turn with a brightness of every material; and the materials."""
+    found = even = _even()
     sure = np.sqrt(np.minimum(weight / np.median(weight), 1))
     hold = HELD * np.sqrt(len(bright) / len(even)) * np.eye(len(even)) / even.mean()
-    for _ in range(SWEEPS):
+    for sweep in range(SWEEPS):
         given = np.maximum(reach @ found, 1e-3)
-        albedo = np.array([np.median((bright / given)[part == p]) for p in range(part.max() + 1)])[part]
-        off = albedo * given / bright - 1
-        rows = (sure / np.sqrt(1 + (off / 0.2) ** 2) * albedo / bright)[:, None] * reach
-        wanted = sure / np.sqrt(1 + (off / 0.2) ** 2)
-        found, _ = nnls(np.concatenate([rows, hold]), np.concatenate([wanted, hold @ even]), maxiter=1000)
+        log = np.log(bright / given)
+        if sweep == SHARED:
+            material = _split(log, part, material)
+        _, group = np.unique(material[part], return_inverse=True)
+        albedo = np.exp([np.median(log[group == g]) for g in range(group.max() + 1)])[group]
+        robust = sure / np.sqrt(1 + ((albedo * given / bright - 1) / 0.3) ** 2)
+        rows = np.concatenate([(robust * albedo / bright)[:, None] * reach, hold])
+        found, _ = nnls(rows, np.concatenate([robust, hold @ even]), maxiter=50 * len(even))
         found = found / max(_open(found), 1e-6)
-    return found
+    return found, material
+
+
+def _split(log: np.ndarray, part: np.ndarray, material: np.ndarray) -> np.ndarray:
+    """Materials (P,), with one of its own for every part whose brightness (log) is far from its material's."""
+    out = material.copy()
+    for p in np.unique(part):
+        mine = log[part == p]
+        if len(mine) >= FEWEST and abs(np.median(mine) - np.median(log[material[part] == material[p]])) > OTHER:
+            out[p] = out.max() + 1
+    return out
 
 
 def _directions() -> np.ndarray:
@@ -91,7 +119,3 @@ def _even() -> np.ndarray:
 def _open(strengths: np.ndarray) -> float:
     """The light on level ground in the open."""
     return float(strengths[: DIRECTIONS // 2] @ _directions()[: DIRECTIONS // 2, 2])
-
-
-def _bounded(given: np.ndarray, strengths: np.ndarray) -> np.ndarray:
-    return np.clip(given / max(_open(strengths), 1e-6), DARKEST, BRIGHTEST)

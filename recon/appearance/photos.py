@@ -15,6 +15,7 @@ from recon.appearance.atlas import unwrapped
 from recon.appearance.blend import Blend, blended
 from recon.appearance.cell_images import CellImages
 from recon.appearance.light import light
+from recon.appearance.materials import alike, base_colours
 from recon.appearance.texels import Texels
 from recon.appearance.views import Rays, ViewOptions, views
 from recon.scene import Scene
@@ -56,13 +57,16 @@ def run(shape: Shape, scene: Scene, options: LookOptions = LookOptions()) -> App
         log.warning("no photo shows the shape where it stands: it gets no colours")
         return Appearance(None)
     images = CellImages(cells, texels)
-    shade = np.ones(len(cells.flat))
-    if options.unshaded:
-        shade = light(cells, atlas, rays, agreement.colour, agreement.weight)
     part = atlas.part[cells.triangle]
-    base = fill.base_colours(shape.parts, part, agreement.colour / shade[:, None], agreement.weight)
-    found = blended(texels, atlas, shots, agreement, images)
-    found = Blend(found.colour / images.spread(shade[:, None]), found.known)
-    colour = fill.filled(found, texels, cells, atlas, images, base)
+    shade, material = np.ones(len(cells.flat)), None
+    if options.unshaded:
+        material = alike(part, len(shape.parts), agreement.colour, agreement.weight)
+        found = light(cells, atlas, rays, agreement.colour, agreement.weight, material)
+        shade, material = found.shade, found.material
+    base, factor = base_colours(shape.parts, part, agreement.colour / shade[:, None], agreement.weight, material)
+    blend = blended(texels, atlas, shots, agreement, images)
+    lit = images.spread(shade[:, None]) / factor.astype(np.float32)[atlas.part[texels.triangle]]
+    blend = Blend(blend.colour / lit, blend.known)
+    colour = fill.filled(blend, texels, cells, atlas, images, base)
     look = Look(np.clip(base, 0, 1), fill.picture(texels, colour), atlas.uv)
-    return Appearance(look, float((found.known > fill.SEEN).mean()))
+    return Appearance(look, float((blend.known > fill.SEEN).mean()))

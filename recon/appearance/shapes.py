@@ -15,6 +15,7 @@ from procmodels.shape import Shape
 from recon.appearance import fill
 from recon.appearance.atlas import Atlas, unwrapped
 from recon.appearance.cell_images import CellImages
+from recon.appearance.materials import base_colours
 from recon.appearance.photos import Appearance, LookOptions
 from recon.appearance.texels import Texels
 from recon.files.painted import PaintedMesh, PaintedPoints, painted
@@ -52,7 +53,7 @@ def run(
         colour = _of_points(texels, replace(found, points=moved))
     cells = texels.cells()
     means = CellImages(cells, texels).means(colour, np.ones(len(colour)))
-    base = fill.base_colours(shape.parts, atlas.part[cells.triangle], means, np.ones(len(means)))
+    base, _ = base_colours(shape.parts, atlas.part[cells.triangle], means, np.ones(len(means)))
     return Appearance(Look(np.clip(base, 0, 1), fill.picture(texels, colour), atlas.uv), 1.0)
 
 

@@ -183,10 +183,8 @@ def _colours(asset: Asset) -> dict[str, Any]:
     """Base colours of the parts, when these are known: sRGB as on the web."""
     if asset.look is None:
         return {}
-    values = np.rint(255 * srgb(asset.look.colours)).astype(int)
-    return {
-        "colours": {p.name: f"#{r:02x}{g:02x}{b:02x}" for p, (r, g, b) in zip(asset.shape.parts, values, strict=True)}
-    }
+    values = np.rint(255 * srgb(asset.look.colours)).astype(np.uint8)
+    return {"colours": {p.name: f"#{v.tobytes().hex()}" for p, v in zip(asset.shape.parts, values, strict=True)}}
 
 
 def _parameter(parameter: Parameter, asset: Asset) -> dict[str, Any]:
