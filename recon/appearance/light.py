@@ -21,8 +21,8 @@ DIRECTIONS = 48  # of light, over the whole sphere
 FLOOR, OWN = 0.45, 0.35  # even light: what floor and object send back of what they get
 HELD = 0.03  # how strongly even light is held on to, beside relative errors
 SOME = 5_000  # places that decide
-SWEEPS, SHARED = 8, 4  # in the first of them every material has one brightness
-OTHER = 0.6  # log brightness: a part farther from its material is of another one
+SWEEPS, SHARED = 8, 2  # in the first of them every material has one brightness
+OTHER = 0.8  # log brightness: a part farther from its material is of another one
 DARKEST, BRIGHTEST = 0.15, 1.4  # of the light on level ground in the open
 LIFT = 2e-3  # canonical units above the surface, where rays begin
 FEWEST = 6  # places that a part must be seen in to be told from its material
@@ -81,8 +81,8 @@ def _split(log: np.ndarray, part: np.ndarray, material: np.ndarray) -> np.ndarra
     """Materials (P,), with one of its own for every part whose brightness (log) is far from its material's."""
     out = material.copy()
     for p in np.unique(part):
-        mine = log[part == p]
-        if len(mine) >= FEWEST and abs(np.median(mine) - np.median(log[material[part] == material[p]])) > OTHER:
+        mine, others = log[part == p], log[(material[part] == material[p]) & (part != p)]
+        if len(mine) >= FEWEST and len(others) and abs(np.median(mine) - np.median(others)) > OTHER:
             out[p] = out.max() + 1
     return out
 

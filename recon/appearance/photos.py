@@ -52,8 +52,8 @@ def run(shape: Shape, scene: Scene, options: LookOptions = LookOptions()) -> App
     shots = list(views(scene, atlas, rays, options.views))
     texels = Texels.of(atlas)
     cells = texels.cells()
-    agreement = agreed(cells, atlas, shots)
-    if not (agreement.weight > 0).any():
+    agreement = agreed(cells, atlas, shots) if shots else None
+    if agreement is None or not (agreement.weight > 0).any():
         log.warning("no photo shows the shape where it stands: it gets no colours")
         return Appearance(None)
     images = CellImages(cells, texels)

@@ -48,7 +48,7 @@ def run(
     atlas = unwrapped(shape, min(options.size, SIZE))
     texels = Texels.of(atlas)
     if isinstance(found, PaintedMesh):
-        colour = _of_mesh(texels, atlas, replace(found, corners=moved.reshape(-1, 3, 3)))
+        colour = of_mesh(texels, atlas, replace(found, corners=moved.reshape(-1, 3, 3)))
     else:
         colour = _of_points(texels, replace(found, points=moved))
     cells = texels.cells()
@@ -64,7 +64,7 @@ def _same(points: np.ndarray, places: np.ndarray) -> bool:
     return bool(((points >= low - slack) & (points <= high + slack)).all(1).mean() > 0.98)
 
 
-def _of_mesh(texels: Texels, atlas: Atlas, source: PaintedMesh) -> np.ndarray:
+def of_mesh(texels: Texels, atlas: Atlas, source: PaintedMesh) -> np.ndarray:
     """(n, 3) linear: what a texel meets on its way in from outside, else what lies nearest."""
     import open3d as o3d
 
