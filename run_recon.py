@@ -62,6 +62,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--obj-up", choices=("y", "z"), default="y", help="up axis of mesh.obj (default y, as readers assume)"
     )
+    p.add_argument("--plain", action="store_true", help="no colours and no texture from the input")
     p.add_argument("--seed", type=seed, default=0, help="same seed, same result (default 0)")
     p.add_argument("--force", action="store_true", help="redo every stage")
     p.add_argument("--from", dest="start", metavar="STAGE", help="redo from this stage on (frames, poses, ...)")

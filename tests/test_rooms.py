@@ -17,6 +17,7 @@ WINGS = (
     ("cameras", "masks"),
     ("shapes",),
     ("fitting",),
+    ("appearance",),
     ("outputs",),
     ("pipelines",),
     ("viewer", "evaluate"),

@@ -23,6 +23,7 @@ class Asked:
     seed: int = 0
     input: str | None = None
     redo: Redo = field(default_factory=Redo)
+    plain: bool = False
     up: str | None = None
     front: str | None = None
     masks: Path | None = None
@@ -94,11 +95,20 @@ def _shape(asked: Asked, seen: Recognised) -> OutputPaths:
 
     stands = shape.ShapeOptions(up=asked.up or "auto", front=asked.front or "auto")
     written = OutputsOptions(obj_up=asked.obj_up)
-    options = shape.ShapeRunOptions(asked.class_name, asked.height, asked.seed, asked.redo, stands, outputs=written)
+    options = shape.ShapeRunOptions(
+        asked.class_name,
+        asked.height,
+        asked.seed,
+        asked.redo,
+        stands,
+        look=shape.LookOptions(plain=asked.plain),
+        outputs=written,
+    )
     return shape.run(asked.source, asked.out, seen, options)
 
 
 def _image(asked: Asked, seen: Recognised) -> OutputPaths:
+    from recon.appearance.photos import LookOptions
     from recon.cameras.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.masks.single_mask import checked_doubt, parse_box
     from recon.pipelines import image, mask_set
@@ -116,12 +126,14 @@ def _image(asked: Asked, seen: Recognised) -> OutputPaths:
         intrinsics=parse_intrinsics(asked.intrinsics) if asked.intrinsics else None,
         focal_mm=parse_focal_mm(asked.focal_mm) if asked.focal_mm else None,
         outputs=OutputsOptions(obj_up=asked.obj_up),
+        look=LookOptions(plain=asked.plain),
     )
     pipeline = mask_set if asked.source.is_dir() else image
     return pipeline.run(asked.source, asked.out, options)
 
 
 def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
+    from recon.appearance.photos import LookOptions
     from recon.cameras.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.cameras.sfm_options import PosesOptions
     from recon.files.video import VideoOptions
@@ -143,6 +155,7 @@ def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
         poses=PosesOptions(turntable=asked.turntable),
         video=video,
         outputs=OutputsOptions(obj_up=asked.obj_up),
+        look=LookOptions(plain=asked.plain or seen.kind in (Kind.MASKS, Kind.SPLAT)),  # which are drawn in one colour
     )
     return photos.run(asked.source, asked.out, options)
 

@@ -376,7 +376,7 @@ def test_the_whole_command_beside_the_users_files(tmp_path, monkeypatch, caplog)
     kept = {
         "frames",
         "manifest.json",
-        *(f"{s}.{e}" for s in ("shape", "fit", "mask", "search") for e in ("json", "npz")),
+        *(f"{s}.{e}" for s in ("shape", "fit", "mask", "search", "colours") for e in ("json", "npz")),
     }
     assert {p.name for p in Path("x/.recon").iterdir()} == kept, "nothing half done"
 
