@@ -18,7 +18,8 @@ WINGS = (
     ("fitting",),
     ("outputs",),
     ("pipelines",),
-    ("viewer", "evaluate"),
+    ("api", "command", "__main__"),
+    ("batch", "viewer", "evaluate"),
 )
 ROW = {wing: i for i, row in enumerate(WINGS) for wing in row}
 FILES = {

@@ -23,7 +23,7 @@ from recon.masks import silhouettes
 from recon.outputs import camera_export
 from recon.pipelines import photo_source
 from recon.scene import Cameras, Frames, InputError, Poses
-from run_recon import main
+from recon.command import main
 
 SHIPPED = Path(__file__).parents[2] / "datasets" / "samples" / "chair"
 SIZE = (96, 72)

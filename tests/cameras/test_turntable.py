@@ -14,7 +14,7 @@ from recon.cameras.sfm_options import PosesOptions
 from recon.files import frames as frames_stage
 from recon.masks import silhouettes
 from recon.scene import InputError, ReconstructionError
-from run_recon import main
+from recon.command import main
 
 SIZE = (480, 360)
 K = np.array([[520.0, 0, 240], [0, 520.0, 180], [0, 0, 1]])

@@ -21,7 +21,7 @@ from recon.files.video import VideoOptions
 from recon.pipelines import photo_source
 from recon.scene import InputError
 from recon.system import limits
-from run_recon import main
+from recon.command import main
 
 COFFEE = Image.fromarray(data.coffee())  # 600 x 400
 

@@ -13,7 +13,7 @@ from recon.files.shape import Kind, Recognised
 from recon.pipelines import photos
 from recon.pipelines.inputs import RIVALS, WAYS, Asked, way_of
 from recon.scene import InputError
-from run_recon import main, parser
+from recon.command import main, parser
 from tests.files.test_recognise import FACES, TETRAHEDRON, obj
 
 GIVEN = {

@@ -21,7 +21,7 @@ from recon.geometry.triangles import Triangles
 from recon.scene import Canonical, InputError
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions, Target, grids_of, hypotheses
-from run_recon import main
+from recon.command import main
 from tests.results import assert_opens
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}

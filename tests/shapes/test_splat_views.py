@@ -16,7 +16,7 @@ from recon.pipelines import photo_source
 from recon.scene import Cameras, InputError
 from recon.shapes import splat_rendering, splat_views
 from recon.shapes.splat_rendering import Splat
-from run_recon import main
+from recon.command import main
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}
 COUNT = 60_000

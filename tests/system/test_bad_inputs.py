@@ -11,7 +11,7 @@ import trimesh
 
 from recon.fitting import shape_fit
 from recon.scene import ReconError
-from run_recon import main
+from recon.command import main
 from tests.files.test_recognise import TETRAHEDRON, obj, off, ply, stl
 from tests.files.test_video import clip
 

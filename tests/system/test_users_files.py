@@ -20,7 +20,7 @@ from recon.files import frames, video
 from recon.outputs import publish
 from recon.outputs.write import OutputsOptions, _paths
 from recon.pipelines import image, mask_set, photo_source, photos, shape
-from run_recon import main
+from recon.command import main
 
 Content = Callable[[Path], object]
 
