@@ -1,7 +1,7 @@
 """The project as a library: one call from an input to a result, which is what the command says and writes.
 
-    result = recon.reconstruct("chair.obj", class_name="chair", height=0.92, out="results/chair")
-    result.params, result.confidence, result.shape().vertices()
+result = recon.reconstruct("chair.obj", class_name="chair", height=0.92, out="results/chair")
+result.params, result.confidence, result.shape().vertices()
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The project as a library: the truth comes back, in silence, from any folder, and nothing heavy loads with the name."""
+"""The project as a library: the truth comes back, in silence, from any folder; nothing heavy loads with the name."""
 
 import json
 import os

@@ -25,7 +25,6 @@ from recon.geometry.voxel_carving import Cells
 from recon.masks import foreground_odds as odds
 from recon.masks import photo_consistency
 from recon.scene import Cameras, ReconstructionError
-from recon.system.progress import hidden
 
 Each = Callable[[str, Callable[[int], Any]], list[Any]]  # (what is done, for one view) -> results of all views
 
