@@ -95,7 +95,7 @@ class Member:
             self._end()
         code = process.returncode
         if late:
-            return f"it took longer than {self.limits.seconds:.0f} s"
+            return f"it took longer than {self.limits.seconds:g} s"
         if code == TOO_LARGE:
             return f"it took more than {self.limits.memory >> 20} MB of memory"
         if code < 0:

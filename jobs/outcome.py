@@ -11,7 +11,9 @@ Job = Any  # what JSON knows
 
 
 class JobError(Exception):
-    """Jobs cannot be done at all: the message says why."""
+    """Jobs cannot be done at all: the message says why, and what to do."""
+
+    exit_code = 2
 
 
 @dataclass(frozen=True)

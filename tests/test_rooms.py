@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("procmodels", "datasets", "nnproc", "recon")
+ROOMS = ("jobs", "procmodels", "datasets", "nnproc", "recon")
 # Each wing of recon/ may import those before it; wings of one row may import each other, but never in a circle.
 WINGS = (
     ("scene", "system", "store"),
