@@ -1,4 +1,4 @@
-"""Jobs for tests, of a module that workers import: {"number", "marks", ...}; `marks` is a folder where traces are left."""
+"""Jobs for tests: {"number", "marks", ...}, where `marks` is a folder in which traces are left."""
 
 from __future__ import annotations
 
