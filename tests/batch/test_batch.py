@@ -41,9 +41,10 @@ def done(monkeypatch):
     """Names of the objects that were run, by jobs that take no time; `done.fates` says what becomes of them."""
 
     class Done(list):
-        fates: dict = {}
+        pass
 
     seen = Done()
+    seen.fates = {}
 
     def job(order):
         out = Path(order["out"])
@@ -57,7 +58,7 @@ def done(monkeypatch):
             manifest.write(out, manifest.Manifest({"report.json": manifest.file_hash(out / "report.json")}))
             Path(order["picture"]).parent.mkdir(exist_ok=True)
             Path(order["picture"]).write_bytes(b"picture")
-        return {**DONE, **row}
+        return {**DONE, **row} if row.get("status", "done") == "done" else row
 
     monkeypatch.setattr(one, "reconstructed", job)
     return seen
