@@ -12,8 +12,8 @@ outcomes of a function that gives the same answer twice are the same; they come 
 """
 
 from jobs.limits import Limits
-from jobs.outcome import Backend, Job, JobError, Outcome
+from jobs.outcome import Backend, Job, JobError, Outcome, in_order
 from jobs.pool import Here, Pool
 from jobs.ray_nodes import RayNodes
 
-__all__ = ["Backend", "Here", "Job", "JobError", "Limits", "Outcome", "Pool", "RayNodes"]
+__all__ = ["Backend", "Here", "Job", "JobError", "Limits", "Outcome", "Pool", "RayNodes", "in_order"]

@@ -40,6 +40,17 @@ class Backend(Protocol):
         ...
 
 
+def in_order(outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
+    """The outcomes by number: those that come early are held back."""
+    early: dict[int, Outcome] = {}
+    wanted = 0
+    for outcome in outcomes:
+        early[outcome.number] = outcome
+        while wanted in early:
+            yield early.pop(wanted)
+            wanted += 1
+
+
 def name_of(function: Callable[[Any], Any]) -> str:
     """ "module:function", by which a worker finds it. Raises JobError for what no other process can import."""
     module = function.__module__
