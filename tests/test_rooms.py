@@ -20,7 +20,8 @@ WINGS = (
     ("appearance",),
     ("outputs",),
     ("pipelines",),
-    ("viewer", "evaluate"),
+    ("api", "command", "__main__"),
+    ("batch", "viewer", "evaluate"),
 )
 ROW = {wing: i for i, row in enumerate(WINGS) for wing in row}
 FILES = {

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from datasets.jobs import Backend, Here, Pool, RayNodes
 from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
 from procmodels import ModelError, load, names, paper_names
@@ -100,6 +101,7 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variant-steps", type=int, default=options.variant_steps, help="training steps of ablations")
     parser.add_argument("--data", type=Path, default=options.data, help="generated pairs, for training the ablations")
     parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE")
+    _worker_flags(parser)
     parser.set_defaults(run=_table1)
 
 
@@ -120,7 +122,7 @@ def _table1(args: argparse.Namespace) -> int:
         work=args.work,
     )
     rows = []
-    for row in table1.run(args.classes or paper_names(), options):
+    for row in table1.run(args.classes or paper_names(), options, _backend(args)):
         rows.append(row)
         if args.json:
             _add_rows(args.json, [row])
@@ -131,6 +133,20 @@ def _table1(args: argparse.Namespace) -> int:
 def _with_the_papers() -> list[str]:
     """The classes, and those of the paper by their full names."""
     return [*names(), *(PAPER + name for name in paper_names())]
+
+
+def _worker_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="processes that measure; the rows are the same"
+    )
+    parser.add_argument("--ray", metavar="ADDRESS", help="of a Ray cluster whose machines measure")
+
+
+def _backend(args: argparse.Namespace) -> Backend:
+    if args.workers < 1:
+        raise ValueError(f"--workers {args.workers}: at least 1")
+    pool = Pool(args.workers) if args.workers > 1 else Here()
+    return RayNodes(args.ray) if args.ray else pool
 
 
 def _table2_flags(parser: argparse.ArgumentParser) -> None:
@@ -154,6 +170,7 @@ def _real_flags(parser: argparse.ArgumentParser, classes: Sequence[str]) -> None
         help="ShapeNet, Pix3D, a .sh3f catalogue or a folder of meshes; may be repeated",
     )
     parser.add_argument("--class", dest="classes", action="append", choices=classes, help="may be repeated; all")
+    _worker_flags(parser)
     parser.add_argument("--limit", type=int, help="only the first objects of a class and source")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE's rows")
@@ -177,7 +194,7 @@ def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[li
         work=args.work,
     )
     rows: list[Table2Row] = []
-    for found in table2.run(options):
+    for found in table2.run(options, _backend(args)):
         rows += found
         table2.write_csv(rows, args.work / f"{args.table}.csv")
         if args.json:

@@ -27,6 +27,7 @@ from recon.geometry.align import quarter_turn
 from recon.geometry.object_windows import Crops, object_crops
 from recon.geometry.visual_hull import Hull
 from recon.scene import Canonical, InputError, Scene, cam_from_canonical
+from recon.system.progress import hidden
 
 TURNS = (0, 1, 2, 3)
 
@@ -80,7 +81,8 @@ def run(model: Model, scene: Scene, hull: Hull, options: FitOptions = FitOptions
         operator = _rays(crops, scene.canonical)
         objective = silhouette_objective(operator, operator.gather(torch.from_numpy(crops.masks)))
         begun = hull_starts(network, hull.grid, TURNS)
-        told += [(f.params, f.turn) for f in fit(network, objective, options.latent, TURNS, begun, progress=True)]
+        bar = not hidden()
+        told += [(f.params, f.turn) for f in fit(network, objective, options.latent, TURNS, begun, progress=bar)]
     rng = np.random.default_rng(options.seed)
     drawn = [model.space.sample(rng) for _ in range(options.random)]
     problem = Problem(model, Masks.of(crops, [options.look]), Similarity(crops.cameras))

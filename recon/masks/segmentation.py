@@ -25,6 +25,7 @@ from recon.geometry.voxel_carving import Cells
 from recon.masks import foreground_odds as odds
 from recon.masks import photo_consistency
 from recon.scene import Cameras, ReconstructionError
+from recon.system import progress
 
 Each = Callable[[str, Callable[[int], Any]], list[Any]]  # (what is done, for one view) -> results of all views
 
@@ -65,7 +66,9 @@ def cut_out(
 
         def each(name: str, work: Callable[[int], Any]) -> list[Any]:
             todo = pool.map(work, range(len(cameras)))
-            return list(tqdm(todo, f"masks: {name}", len(cameras), unit="photo", leave=False, disable=None))
+            return list(
+                tqdm(todo, f"masks: {name}", len(cameras), unit="photo", leave=False, disable=progress.hidden())
+            )
 
         cells, solid, colours = _first_hull(small, small_cameras, room, near, given, options, each)
         hulls = each("first hull", voxel_carving.pictures(cells, solid, cameras))

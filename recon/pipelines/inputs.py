@@ -6,10 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from recon.files import recognise
 from recon.files.shape import SHAPES, Kind, Recognised
 from recon.outputs.write import OutputPaths, OutputsOptions
 from recon.pipelines.stages import Redo
 from recon.scene import InputError
+from recon.system.arguments import nameable, readable
+from recon.system.light_open3d import without_plotting
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,22 @@ class Way:
 
 # Either of two flags says the same thing, or one makes the other useless.
 RIVALS = (("intrinsics", "focal_mm"), ("pix3d", "intrinsics"), ("pix3d", "focal_mm"), ("mask", "box"))
+
+
+def check(asked: Asked) -> None:
+    """Raise InputError unless everything that is read is there and the output folder can have its name."""
+    read = (("INPUT", asked.source), *((_option(f), getattr(asked, f)) for f in ("masks", "mask", "pix3d", "cameras")))
+    for option, given in read:
+        if given is not None:
+            readable(given, option)
+    nameable(asked.out, "--out")
+
+
+def run(asked: Asked) -> OutputPaths:
+    """Reconstruct the object, by what INPUT is. Raises InputError or ReconstructionError."""
+    without_plotting()
+    seen = recognise.recognise(asked.source, asked.input)
+    return way_of(asked, seen).run(asked, seen)
 
 
 def way_of(asked: Asked, seen: Recognised) -> Way:

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.command import main, parser
 from recon.files import mask_images
 from recon.files.shape import Kind, Recognised
 from recon.pipelines import photos
 from recon.pipelines.inputs import RIVALS, WAYS, Asked, way_of
 from recon.scene import InputError
-from run_recon import main, parser
 from tests.files.test_recognise import FACES, TETRAHEDRON, obj
 
 GIVEN = {

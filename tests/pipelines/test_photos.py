@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from run_recon import main
+from recon.command import main
 from tests.results import assert_opens
 
 ROOT = Path(__file__).parents[2]

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from recon.command import main
 from recon.files import frames, video
 from recon.outputs import publish
 from recon.outputs.write import OutputsOptions, _paths
 from recon.pipelines import image, mask_set, photo_source, photos, shape
-from run_recon import main
 
 Content = Callable[[Path], object]
 

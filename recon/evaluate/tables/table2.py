@@ -14,13 +14,16 @@ import json
 import logging
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from datasets.catalogues import DataError, RealObject, objects
+from datasets.jobs import Backend, Here, in_order
 from procmodels import Model, load
 from procmodels.registry import PAPER
 from recon.evaluate.tables.oracle import OracleOptions, oracle
@@ -53,16 +56,40 @@ class Table2Options:
     work: Path = Path(".cache/evaluate")
 
 
-def run(options: Table2Options) -> Iterator[list[Table2Row]]:
-    """The rows of one object after another. Raises DataError for unusable data, ModelError, WeightsError."""
+def run(options: Table2Options, backend: Backend = Here()) -> Iterator[list[Table2Row]]:
+    """The rows of one object after another, measured by any back end.
+
+    Raises DataError for unusable data, ModelError, WeightsError.
+    """
+    plain = {**asdict(options), "data": [str(p.absolute()) for p in options.data], "work": str(options.work.absolute())}
     for class_name in options.classes:
-        todo = _listed(options, class_name)
-        model = load(class_name)
-        for item in tqdm(todo, desc=class_name, disable=None):
-            try:
-                yield measured(model, item, options)
-            except DataError as error:
-                log.warning("left out: %s", error)
+        count = len(_listed(options, class_name))
+        jobs = ({"options": plain, "class": class_name, "number": number} for number in range(count))
+        outcomes = in_order(backend.map(one_object, jobs))
+        for outcome in tqdm(outcomes, total=count, desc=class_name, disable=None):
+            if outcome.error is not None or "left_out" in outcome.value:
+                log.warning("left out: %s", outcome.error or outcome.value["left_out"])
+            else:
+                yield [Table2Row.from_json(row) for row in outcome.value["rows"]]
+
+
+def one_object(job: dict[str, Any]) -> dict[str, Any]:
+    """What a worker does: {"rows"} of an object of a class, or {"left_out"}, why it cannot be used."""
+    told = dict(job["options"])
+    places = {"data": tuple(map(Path, told["data"])), "work": Path(told["work"])}
+    lists = {"classes": tuple(told["classes"]), "inputs": tuple(told["inputs"])}
+    search = OracleOptions(**{**told["oracle"], "seeds": tuple(told["oracle"]["seeds"])})
+    options = Table2Options(**{**told, **places, **lists, "oracle": search})
+    try:
+        item = _kept_list(options, job["class"])[job["number"]]
+        return {"rows": [row.as_json() for row in measured(load(job["class"]), item, options)]}
+    except DataError as error:
+        return {"left_out": str(error)}
+
+
+@cache
+def _kept_list(options: Table2Options, class_name: str) -> list[RealObject]:
+    return _listed(options, class_name)
 
 
 def _listed(options: Table2Options, class_name: str) -> list[RealObject]:

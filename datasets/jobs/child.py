@@ -1,6 +1,6 @@
 """Child processes that end with the process that started them, however that one ends.
 
-`start(module, ...)` runs `python -m nnproc.child PARENT MODULE ARGUMENTS`: the tie is made first, then MODULE runs as
+`start(module, ...)` runs `python -m datasets.jobs.child PARENT MODULE ARGUMENTS`: the tie is made first, then MODULE runs as
 if it had been started itself. (A hook between fork and exec would be simpler, but may hang where threads run.)
 """
 
@@ -25,7 +25,7 @@ _LOOK = 0.5  # seconds between looks at the parent
 
 def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
     """Run a module of this project as a child; `options` are subprocess.Popen's."""
-    command = [sys.executable, "-m", "nnproc.child", str(os.getpid()), module, *arguments]
+    command = [sys.executable, "-m", "datasets.jobs.child", str(os.getpid()), module, *arguments]
     return subprocess.Popen(command, text=True, errors="replace", cwd=_ROOT, **options)
 
 
