@@ -107,7 +107,7 @@ def worn(mask: np.ndarray, rng: np.random.Generator, options: OutlineOptions) ->
     grown = int(rng.integers(-options.fringe, options.fringe + 1))
     if grown:
         kernel = np.ones((abs(grown) + 1,) * 2, np.uint8)
-        out = cv2.dilate(out, kernel) if grown > 0 else cv2.erode(out, kernel)
+        out = np.asarray(cv2.dilate(out, kernel) if grown > 0 else cv2.erode(out, kernel), np.uint8)
     if rng.random() < options.torn:
         side, row, column = (int(x * PIXELS) for x in (rng.uniform(0.05, 0.25), *rng.random(2)))
         out[row : row + side, column : column + side] = 0

@@ -29,6 +29,7 @@ from datasets import outlines
 from datasets.outline_frame import KINDS
 from datasets.outlines import Outlines
 from nnproc.outline_net import FILE, OutlineNet
+from nnproc.shape_nets import channels_last
 
 log = logging.getLogger("nnproc.learn_outlines")
 PARTS = 3  # of the real objects: what one of three networks did not see
@@ -56,7 +57,8 @@ def train(found: Outlines, without: int | None, options: LearnOptions = LearnOpt
     """The network of all pictures, but for those of one part of the real objects."""
     torch.manual_seed(options.seed)
     rng = np.random.default_rng(options.seed)
-    network = OutlineNet().to(memory_format=torch.channels_last)
+    network = OutlineNet()
+    channels_last(network)
     left_out = np.array([part_of(n) == without for n in found.names] + [False])[found.owners]
     pools = [_by_kind(found, (found.owners >= 0) & ~left_out), _by_kind(found, found.owners < 0)]
     optimiser = torch.optim.AdamW(network.parameters(), options.learning_rate, weight_decay=options.decay)

@@ -1,7 +1,7 @@
 """Child processes that end with the process that started them, however that one ends.
 
-`start(module, ...)` runs `python -m datasets.jobs.child PARENT MODULE ARGUMENTS`: the tie is made first, then MODULE runs as
-if it had been started itself. (A hook between fork and exec would be simpler, but may hang where threads run.)
+`start(module, ...)` runs `python -m datasets.jobs.child PARENT MODULE ARGUMENTS`: the tie is made first, then MODULE
+runs as if it had been started itself. (A hook between fork and exec would be simpler, but may hang where threads run.)
 """
 
 from __future__ import annotations

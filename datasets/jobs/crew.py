@@ -22,7 +22,7 @@ QUIET = {"OMP_WAIT_POLICY": "PASSIVE"}
 
 
 class Member:
-    """One worker process for a function, by its name (datasets.jobs.outcome.name_of). One thread uses it, any may `stop` it."""
+    """One worker process for a function, by its name (name_of in outcome.py). One thread uses it, any may `stop` it."""
 
     def __init__(self, function: str, limits: Limits) -> None:
         self.function, self.limits = function, limits

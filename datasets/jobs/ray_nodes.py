@@ -39,7 +39,7 @@ class RayNodes:
     limits: Limits = field(default_factory=Limits)
 
     def map(self, function: Callable[[Any], Any], jobs: Iterable[Job]) -> Iterator[Outcome]:
-        """See datasets.jobs.outcome.Backend. What was started here ends with the iterator. Raises JobError without Ray."""
+        """See Backend in outcome.py. What was started here ends with the iterator. Raises JobError without Ray."""
         ray, name = _ray(), name_of(function)
         mine = not ray.is_initialized()
         if mine:
