@@ -22,13 +22,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from safetensors.torch import save_file
 from torch.nn import functional as F
 
 from datasets import outlines
 from datasets.outline_frame import KINDS
 from datasets.outlines import Outlines
-from nnproc.outline_net import FILE, OutlineNet
+from nnproc.outline_net import FILE, OutlineNet, save
 from nnproc.shape_nets import channels_last
 
 log = logging.getLogger("nnproc.learn_outlines")
@@ -144,7 +143,7 @@ def main(argv: list[str] | None = None) -> int:
     unseen = (found.owners >= 0) & (parts == args.without)
     tested = accuracy(network, found, unseen) if unseen.any() else {}
     log.info("on objects that were left out: %s", tested)
-    save_file({k: v.half() if v.is_floating_point() else v for k, v in network.state_dict().items()}, args.out)
+    save(network, args.out)
     card = {
         "what": "kinds of things by their outlines",
         "kinds": KINDS,

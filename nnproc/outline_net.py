@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from datasets.outline_frame import KINDS, SIDE, framed
@@ -47,6 +47,14 @@ def log_chances(network: OutlineNet, masks: Sequence[np.ndarray]) -> np.ndarray:
     pictures = torch.from_numpy(np.stack([framed(m) for m in masks])[:, None].astype(np.float32))
     with torch.no_grad():
         return torch.log_softmax(network(pictures), 1).numpy()
+
+
+def save(network: OutlineNet, file: Path) -> None:
+    """Write the weights in half precision; whole or not at all."""
+    tensors = {k: (v.half() if v.is_floating_point() else v).contiguous() for k, v in network.state_dict().items()}
+    partial = file.with_suffix(".partial")
+    save_file(tensors, partial)
+    partial.replace(file)
 
 
 @lru_cache(maxsize=4)

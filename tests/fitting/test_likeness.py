@@ -92,10 +92,16 @@ def test_other_kinds_are_learnt_and_the_same_seed_gives_the_same_network(tmp_pat
     assert min(said.values()) > 0.95
     for a, b in zip(first.parameters(), second.parameters(), strict=True):
         assert a.equal(b)
+    outline_net.save(first, tmp_path / "net.safetensors")
+    again = outline_net.load(tmp_path / "net.safetensors")
+    pictures = [p for p in found.pictures(np.arange(8))]
+    np.testing.assert_allclose(
+        outline_net.log_chances(again, pictures), outline_net.log_chances(first, pictures), atol=0.05
+    )
     outlines.save(tmp_path / "outlines.npz", found)
-    again = outlines.read(tmp_path / "outlines.npz")
-    assert np.array_equal(again.bits, found.bits)
-    assert again.names == ()
+    kept = outlines.read(tmp_path / "outlines.npz")
+    assert np.array_equal(kept.bits, found.bits)
+    assert kept.names == ()
 
 
 def test_a_damaged_network_is_said(tmp_path) -> None:
