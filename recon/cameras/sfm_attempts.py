@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("recon.cameras.poses")
 
-MARKS = 12  # corners of printed sheets that are enough to tie photos together
+MARKS = 12  # corners of printed sheets that are enough to tie two photos together
 
 
 def climb(
@@ -105,12 +105,7 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
         rung = replace(rung, keep_focal=True)
     marks = sheet_matches.marks(frames)
     if marks:  # they are certain, and few
-        rung = replace(
-            rung,
-            pair_inliers=min(rung.pair_inliers, MARKS),
-            pose_inliers=min(rung.pose_inliers, MARKS),
-            start_inliers=min(rung.start_inliers, 2 * MARKS),
-        )
+        rung = replace(rung, pair_inliers=min(rung.pair_inliers, MARKS))
     order = {
         "images": [p.name for p in frames.paths],
         "image_dir": str(frames.paths[0].parent.resolve()),

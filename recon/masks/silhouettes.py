@@ -153,7 +153,8 @@ def _white_is_object(
 
 def _room(poses: Poses, options: SilhouetteOptions, needed: bool) -> tuple[Room | None, str, list[str]]:
     """The room, or None and why it was not found, which is only said when it is needed; warnings about sheets."""
-    floor, about_sheets = None, []
+    floor: np.ndarray | None = None
+    about_sheets: list[str] = []
     if poses.sheets:
         rng = np.random.default_rng(options.seed)
         floor, about_sheets = floor_of(poses.sheets, poses.points, poses.cameras, rng, options.floor)

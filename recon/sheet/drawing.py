@@ -79,7 +79,7 @@ def _blobs(board: Board, square: int) -> np.ndarray:
     side = round((1 - 2 * BORDER) * board.square * _TEXTURE_PX)
     out = np.zeros((side, side))
     for grain in GRAINS:
-        noise = cv2.GaussianBlur(rng.normal(size=(side, side)), None, grain * _TEXTURE_PX / 2)
+        noise = cv2.GaussianBlur(rng.normal(size=(side, side)), (0, 0), grain * _TEXTURE_PX / 2)
         out += noise / noise.std()
     return np.clip(127 + 300 * out / out.std(), 0, 255).astype(np.uint8)
 

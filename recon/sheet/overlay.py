@@ -15,10 +15,11 @@ from recon.sheet.drawing import board_picture
 from recon.sheet.layout import COLUMNS, ROWS, Board, corners_of_squares
 
 ALIKE = 0.6  # correlation with the drawing, of a square that is taken to be in sight, and of all together
+PERHAPS = 0.2  # in the first steps: of squares far from the markers that were read, the guess may be some pixels off
 LEAST_SQUARES = 2
 SMALLEST = 12.0  # px^2, area of a square in the photo
 BLURS = (2.0, 2.0, 2.0, 1.2, 1.2, 0.8, 0.8, 0.8, 0.8)  # px, of both pictures, step by step
-SURE = 5  # steps after which squares that do not look like the drawing are left out
+SURE = 5  # steps after which only squares that look like the drawing count
 _PER_MM = 4.0  # pixels of the drawing
 _EDGE = 0.1  # of a square, white paper round the board that belongs to the drawing
 
@@ -38,15 +39,17 @@ def laid_over(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> t
     Squares that do not look like the drawing (something stands on them) are left out.
     """
     squares = board.square * np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], float)
-    matrix, seen = photo_from_board, np.ones(len(squares), bool)
+    matrix = photo_from_board
     for step, blur in enumerate(BLURS):
         if (patch := _patch(grey, board, matrix)) is None:
             return None
         masks = [_square_mask(patch, matrix, s, board.square) for s in squares]
-        if step >= SURE:
-            seen = np.array([_correlation(patch.drawn[m], patch.photo[m]) > ALIKE for m in masks])
-            if seen.sum() < LEAST_SQUARES:
+        alike = np.array([_correlation(patch.drawn[m], patch.photo[m]) for m in masks])
+        seen = alike > (ALIKE if step >= SURE else PERHAPS)
+        if seen.sum() < LEAST_SQUARES:
+            if step > 0:
                 return None
+            seen[:] = True
         mask = np.any([m for m, ok in zip(masks, seen, strict=True) if ok], axis=0)
         if mask.sum() < LEAST_SQUARES * SMALLEST:
             return None

@@ -156,7 +156,7 @@ def _known_cameras(made: Scene, folder: Path) -> Iterator[Good]:
             yield Good(own.name, (*words, "transforms.json"), ("transforms.json",), text=True)
             yield Good(own.name, (*words, "transforms.json"), ("masks/p0.png", "photos/p1.png"))
         elif kind == "colmap-text":
-            files = ("written/cameras.txt", "written/images.txt", "written/points3D.txt")
+            files = tuple(f"written/sparse/0/{name}.txt" for name in ("cameras", "images", "points3D"))
             yield Good(own.name, (*words, "written"), files, text=True)
         else:
             _binary_model(own / "binary", made.cameras, points)

@@ -32,18 +32,9 @@ def case(tmp_path_factory):
     paper = PAPERS["A3"]
     for v in VIEWS:
         photo, mask = cv2.imread(str(truth.photos[v])), cv2.imread(str(truth.masks[v]), cv2.IMREAD_GRAYSCALE)
-        laid = [
-            lay(
-                np.ascontiguousarray(photo[..., c]),
-                truth.K[v],
-                truth.cam_from_world[v],
-                PLACE,
-                paper.board(1),
-                whole=paper,
-            )
-            for c in range(3)
-        ]
-        photo = np.where(mask[..., None] > 127, photo, np.stack(laid, -1))
+        camera = truth.K[v], truth.cam_from_world[v]
+        laid = [lay(channel, *camera, PLACE, paper.board(1), whole=paper) for channel in cv2.split(photo)]
+        photo = np.where(mask[..., None] > 127, photo, cv2.merge(laid))
         cv2.imwrite(str(folder / "photos" / truth.names[v]), photo, [cv2.IMWRITE_JPEG_QUALITY, 95])
         cv2.imwrite(str(folder / "masks" / f"{truth.names[v]}.png"), mask)
     poses = truth.cam_from_world[VIEWS].copy()
