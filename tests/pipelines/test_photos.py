@@ -136,6 +136,9 @@ def _command():
 def test_everything_promised_is_written(finished):
     for name in ("mesh.glb", "mesh.obj", "model.blend", "params.json", "report.json", "report.html"):
         assert_opens(finished / name)
+    assert "map_Kd texture.jpg" in (finished / "mesh.mtl").read_text()
+    assert (finished / "texture.jpg").stat().st_size > 50_000
+    assert "seat" in json.loads((finished / "params.json").read_text())["colours"]
     assert_opens(finished / "contact_sheet.png")
     assert len(list((finished / "masks").glob("*.png"))) >= 25
     report = json.loads((finished / "report.json").read_text())
