@@ -11,9 +11,8 @@ import threading
 from typing import Any
 
 from datasets.jobs import child
-from datasets.jobs.limits import Limits
+from datasets.jobs.limits import TOO_LARGE, Limits
 from datasets.jobs.outcome import Job
-from datasets.jobs.worker import TOO_LARGE
 
 # Sums that are split over threads depend on how many are free: with one, every worker gives the same result. It is
 # also the fastest for many jobs.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+TOO_LARGE = 97  # exit code of a worker that took too much memory
+
 
 @dataclass(frozen=True)
 class Limits:

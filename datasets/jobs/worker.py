@@ -18,7 +18,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-TOO_LARGE = 97  # exit code of a worker that took too much memory
+from datasets.jobs.limits import TOO_LARGE
+
 LOOK = 0.25  # seconds between looks at it
 
 

@@ -21,6 +21,11 @@ def _by_number(outcomes):
     return sorted(outcomes, key=lambda outcome: outcome.number)
 
 
+def test_workers_say_nothing_of_their_own(capfd):
+    assert [o.value for o in Pool(1).map(abs, [-3])] == [3]
+    assert capfd.readouterr() == ("", "")
+
+
 def _runs(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"

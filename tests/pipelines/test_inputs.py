@@ -44,7 +44,20 @@ KINDS = {
 
 def test_every_flag_of_the_command_is_common_or_in_the_table():
     flags = {a.dest for a in parser()._actions}
-    common = {"help", "photos", "input", "class_name", "out", "height", "obj_up", "plain", "seed", "force", "start", "verbose"}
+    common = {
+        "help",
+        "photos",
+        "input",
+        "class_name",
+        "out",
+        "height",
+        "obj_up",
+        "plain",
+        "seed",
+        "force",
+        "start",
+        "verbose",
+    }
     assert flags - common == set(GIVEN) == {f for way in WAYS.values() for f in way.flags}
 
 
