@@ -1,4 +1,4 @@
-"""python -m datasets.jobs PARENT MODULE ARGUMENTS: a module as a child that ends with process number PARENT (child.py)."""
+"""python -m datasets.jobs PARENT MODULE ARGUMENTS: a module as a child that ends with process PARENT (child.py)."""
 
 from __future__ import annotations
 
