@@ -45,6 +45,10 @@ class Board:
         """Width and height in mm."""
         return COLUMNS * self.square, ROWS * self.square
 
+    def places(self) -> np.ndarray:
+        """(COLUMNS * ROWS, 2) mm, upper left corners of all squares, row by row."""
+        return self.square * np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], float)
+
     def squares(self, black: bool) -> list[tuple[float, float]]:
         """Upper left corners (x, y) of the squares of one colour, row by row; white ones hold the markers."""
         places = [(c, r) for r in range(ROWS) for c in range(COLUMNS) if ((c + r) % 2 == 0) == black]

@@ -15,12 +15,14 @@ from recon.sheet.drawing import board_picture
 from recon.sheet.layout import COLUMNS, ROWS, Board, corners_of_squares
 
 ALIKE = 0.6  # correlation with the drawing, of a square that is taken to be in sight, and of all together
+THIS_ONE = 0.4  # correlation inside the squares: all sheets have the same squares, each has its own bits and textures
 PERHAPS = 0.2  # in the first steps: of squares far from the markers that were read, the guess may be some pixels off
 LEAST_SQUARES = 2
 SMALLEST = 12.0  # px^2, area of a square in the photo
 BLURS = (2.0, 2.0, 2.0, 1.2, 1.2, 0.8, 0.8, 0.8, 0.8)  # px, of both pictures, step by step
 SURE = 5  # steps after which only squares that look like the drawing count
 _PER_MM = 4.0  # pixels of the drawing
+_WITHIN = 0.22  # of a square, inside which it has bits of its marker or texture
 _EDGE = 0.1  # of a square, white paper round the board that belongs to the drawing
 
 
@@ -38,12 +40,11 @@ def laid_over(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> t
 
     Squares that do not look like the drawing (something stands on them) are left out.
     """
-    squares = board.square * np.array([(c, r) for r in range(ROWS) for c in range(COLUMNS)], float)
     matrix = photo_from_board
     for step, blur in enumerate(BLURS):
         if (patch := _patch(grey, board, matrix)) is None:
             return None
-        masks = [_square_mask(patch, matrix, s, board.square) for s in squares]
+        masks = [_square_mask(patch, matrix, place, board.square) for place in board.places()]
         alike = np.array([_correlation(patch.drawn[m], patch.photo[m]) for m in masks])
         seen = alike > (ALIKE if step >= SURE else PERHAPS)
         if seen.sum() < LEAST_SQUARES:
@@ -57,7 +58,7 @@ def laid_over(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> t
         if moved is None:
             return None
         matrix = moved
-    if _correlation(patch.drawn[mask], patch.photo[mask]) < ALIKE:
+    if _correlation(patch.drawn[mask], patch.photo[mask]) < ALIKE or _inside(patch, board, matrix, seen) < THIS_ONE:
         return None
     return matrix, np.unique(corners_of_squares()[seen])
 
@@ -141,14 +142,27 @@ def _moves(corners: np.ndarray, places: np.ndarray) -> list[np.ndarray]:
     return out
 
 
-def _square_mask(patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: float) -> np.ndarray:
-    """(H, W) bool, pixels of a square and a little of the edges round it."""
-    edge = _EDGE * side
+def _square_mask(
+    patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: float, more: float = _EDGE
+) -> np.ndarray:
+    """(H, W) bool, pixels of a square and `more` of its side round it (less than nothing: within it)."""
+    edge = more * side
     ring = place + np.array([(-edge, -edge), (side + edge, -edge), (side + edge, side + edge), (-edge, side + edge)])
     corners, mask = moved_by(matrix, ring) - patch.at, np.zeros(patch.photo.shape, np.uint8)
     if np.abs(corners).max() < 1e4 and cv2.contourArea(corners.astype(np.float32)) >= SMALLEST:
         cv2.fillConvexPoly(mask, np.round(corners - 0.5).astype(np.int32), 1)
     return mask.astype(bool)
+
+
+def _inside(patch: _Patch, board: Board, matrix: np.ndarray, seen: np.ndarray) -> float:
+    """Correlation of what is inside the squares in sight, each about its own mean: the bits of markers, the textures."""
+    products = np.zeros(3)
+    for place, ok in zip(board.places(), seen, strict=True):
+        mask = _square_mask(patch, matrix, place, board.square, -_WITHIN)
+        if ok and mask.any():
+            a, b = (x[mask] - x[mask].mean() for x in (patch.drawn, patch.photo))
+            products += (a @ b, a @ a, b @ b)
+    return float(products[0] / max(np.sqrt(products[1] * products[2]), 1e-9))
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:

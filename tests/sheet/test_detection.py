@@ -51,7 +51,7 @@ def test_a_sheet_that_is_half_hidden_gives_the_corners_in_sight():
     picture[:, edge:] = 90  # a board before it
     (found,) = find(picture)
     assert 4 <= len(found.corner) < 20
-    assert found.pixels[:, 0].max() < edge + 12
+    assert found.pixels[:, 0].max() < edge + 20, "less than a square's side"
     assert off(found, cam, place)[0] < 0.5
 
 
@@ -79,5 +79,5 @@ def test_a_sheet_too_flat_to_be_read_is_found_by_its_outline():
     assert not find(picture), "otherwise this tests nothing"
     (found,) = find_outlined(picture, 0)
     assert off(found, cam, place)[0] < 0.6
-    assert not find_outlined(picture, 6), "another sheet is not taken for it"
+    assert not any(find_outlined(picture, other) for other in (1, 6)), "another sheet is not taken for it"
     assert not find_outlined(photo(cam), 0)

@@ -47,11 +47,15 @@ def test_everything_fits_the_page_and_printers_margins(paper):
 
 
 def test_the_ruler_is_as_long_as_it_says():
-    paper = PAPERS["A4"]
+    """From the middle of its first mark to that of its last, with one every centimetre."""
+    paper, scale = PAPERS["A4"], 300.0 / MM_PER_INCH
     ink = page(paper, 1, 300.0) == 0
-    below = round((place(paper)[1] + paper.board(1).size[1] + 2) * 300 / MM_PER_INCH)
-    longest = max(np.diff(np.flatnonzero(np.diff(np.r_[0, row.astype(int), 0]))).max(initial=0) for row in ink[below:])
-    assert longest * MM_PER_INCH / 300 == pytest.approx(RULER, abs=0.3)
+    below = round((place(paper)[1] + paper.board(1).size[1] + 2) * scale)
+    line = below + int(ink[below:].sum(1).argmax())
+    edges = np.flatnonzero(np.diff(np.r_[0, ink[line - round(3 * scale)].astype(int), 0]))
+    marks = edges.reshape(-1, 2).mean(1) / scale
+    assert marks[-1] - marks[0] == pytest.approx(RULER, abs=0.1)
+    assert np.diff(marks) == pytest.approx(np.full(15, 10.0), abs=0.1)
 
 
 def test_every_black_square_has_a_texture_of_its_own():
