@@ -142,9 +142,7 @@ def _moves(corners: np.ndarray, places: np.ndarray) -> list[np.ndarray]:
     return out
 
 
-def _square_mask(
-    patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: float, more: float = _EDGE
-) -> np.ndarray:
+def _square_mask(patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: float, more: float = _EDGE) -> np.ndarray:
     """(H, W) bool, pixels of a square and `more` of its side round it (less than nothing: within it)."""
     edge = more * side
     ring = place + np.array([(-edge, -edge), (side + edge, -edge), (side + edge, side + edge), (-edge, side + edge)])

@@ -45,13 +45,12 @@ def test_a_child_ends_with_its_parent(tmp_path, number):
 
 
 def test_a_child_ends_with_its_parent_where_the_system_does_not_help(tmp_path):
-    tied = (
-        f"import os, sys; sys.platform = 'other'; from datasets.jobs import child; child.tie_to(os.getppid()); {SLEEP}"
-    )
+    tie = "import os, sys; sys.platform = 'other'; from datasets.jobs import child; child.tie_to(os.getppid())"
+    tied = f"{tie}; os.write(1, b'tied\\n'); {SLEEP}"
     start = f"subprocess.Popen([sys.executable, '-c', {tied!r}])"
     parent = python(f"import subprocess, sys; p = {start}; print(p.pid, flush=True); p.wait()", tmp_path)
     pid = int(parent.stdout.readline())
-    time.sleep(0.5)
+    assert parent.stdout.readline() == "tied\n"
     assert scratch.started(pid)
     parent.kill()
     assert gone(pid)
