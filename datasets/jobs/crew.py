@@ -51,7 +51,12 @@ class Member:
         late = threading.Event()
         timer = None
         if self.limits.seconds is not None:
-            timer = threading.Timer(self.limits.seconds, lambda: (late.set(), process.kill()))
+
+            def end() -> None:
+                late.set()
+                process.kill()
+
+            timer = threading.Timer(self.limits.seconds, end)
             timer.start()
         try:
             process.stdin.write(job + "\n")
