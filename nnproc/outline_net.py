@@ -6,7 +6,9 @@ that outline for a chair's; this network says so (recon.fitting.likeness). It is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +23,7 @@ from datasets.outline_frame import KINDS, SIDE, framed
 from nnproc.infer import WeightsError
 
 FILE = Path(__file__).with_name("outline_net.safetensors")
+_instead: ContextVar[Path | None] = ContextVar("instead", default=None)
 
 
 class OutlineNet(nn.Module):
@@ -57,9 +60,26 @@ def save(network: OutlineNet, file: Path) -> None:
     partial.replace(file)
 
 
+def load(file: Path | None = None) -> OutlineNet:
+    """The trained network; of None the shipped one, or what `instead` put in its place.
+
+    Raises WeightsError when the file is missing or damaged.
+    """
+    return _loaded(file or _instead.get() or FILE)
+
+
+@contextmanager
+def instead(file: Path | None) -> Iterator[None]:
+    """Within, another network is loaded than the shipped one, as one that did not see what is looked at."""
+    before = _instead.set(file)
+    try:
+        yield
+    finally:
+        _instead.reset(before)
+
+
 @lru_cache(maxsize=4)
-def load(file: Path = FILE) -> OutlineNet:
-    """The trained network. Raises WeightsError when the file is missing or damaged."""
+def _loaded(file: Path) -> OutlineNet:
     network = OutlineNet()
     try:
         network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in load_file(file).items()})

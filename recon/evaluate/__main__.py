@@ -262,6 +262,13 @@ def _beliefs_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", action="append", choices=tuple(gather.ANSWERS), help="may be repeated; all")
     parser.add_argument("--limit", type=int, help="only the first objects, some of each kind")
     parser.add_argument("--own", type=int, default=own, help=f"shapes of the class itself ({own})")
+    parser.add_argument(
+        "--outlines",
+        type=Path,
+        metavar="DIR",
+        help="networks that did not see the objects: N.safetensors, each made"
+        " by nnproc.learn_outlines --without N (default: the shipped one, which saw all)",
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", action="store_true", help="measure, but leave recon/fitting/beliefs.json alone")
     parser.add_argument("--default", action="store_true", help="classes without a table of their own go by this one")
@@ -278,6 +285,7 @@ def _beliefs(args: argparse.Namespace) -> int:
         labels=args.labels or model.space.name,
         limit=args.limit,
         own=args.own,
+        outlines=args.outlines,
         seed=args.seed,
         work=args.work,
     )
