@@ -14,7 +14,7 @@ from recon.appearance.agreement import agreed
 from recon.appearance.atlas import unwrapped
 from recon.appearance.blend import Blend, blended
 from recon.appearance.cell_images import CellImages
-from recon.appearance.light import light
+from recon.appearance.light import BRIGHT, believed, light
 from recon.appearance.materials import alike, base_colours
 from recon.appearance.texels import Texels
 from recon.appearance.views import Rays, ViewOptions, views
@@ -65,6 +65,10 @@ def run(shape: Shape, scene: Scene, options: LookOptions = LookOptions()) -> App
         shade, material = found.shade, found.material
     base, factor = base_colours(shape.parts, part, agreement.colour / shade[:, None], agreement.weight, material)
     blend = blended(texels, atlas, shots, agreement, images)
+    if options.unshaded:
+        whole = factor @ BRIGHT
+        shade = believed(shade / whole[part], agreement.colour @ BRIGHT, (base @ BRIGHT)[part])
+        factor = factor / whole[:, None]
     lit = images.spread(shade[:, None]) / factor.astype(np.float32)[atlas.part[texels.triangle]]
     blend = Blend(blend.colour / lit, blend.known)
     colour = fill.filled(blend, texels, cells, atlas, images, base)
