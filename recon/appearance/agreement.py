@@ -14,6 +14,8 @@ DARKEST = 1e-3  # linear light: below, a photo's noise decides
 SWEEPS = 4  # of gains and colours in turn
 SOME = 4_000  # places that decide the gains
 FEWEST = 30  # places that a photo must share with others to be told its gain
+OTHER_HUE = 0.3  # log ratios of channels: photos that differ by more from a part's hue show something else
+STRANGE = 0.02  # what such a photo counts, beside the others
 FARTHEST = np.log(2.0)  # one stop: the most that a photo's exposure is taken to be off
 
 
@@ -24,7 +26,8 @@ class Agreement:
     gain     (V, 3) float, by which a photo's linear light is multiplied to be as bright as the others
     colour   (m, 3) float linear, NaN where no photo sees the place
     weight   (m,) float, how much the photos say about it
-    usual    (V, m) float, 0..1: near 1 where a photo shows what the others do, small in highlights and slips
+    usual    (V, m) float, 0..1: near 1 where a photo shows what the others do, small in highlights and slips, and
+             smallest where it shows a hue that the part has nowhere else
     """
 
     gain: np.ndarray
@@ -47,10 +50,28 @@ def agreed(cells: Texels, atlas: Atlas, shots: list[View], spread: float = 0.12)
     gain = _gains(logs, weights)
     logs += gain[:, None]
     colour = weighted_median(logs, weights)
+    strange = np.where(_strange(logs, colour, atlas.part[cells.triangle]), np.float32(STRANGE), np.float32(1))
+    weights *= strange
+    colour = weighted_median(logs, weights)
     apart = np.abs(logs - colour).max(2)
     usual = 1 / (1 + (np.nan_to_num(apart, nan=np.inf) / (2 * spread)) ** 4)
     usual[weights == 0] = 0.5
-    return Agreement(np.exp(gain), np.exp(colour), weights.sum(0), usual.astype(np.float32))
+    return Agreement(np.exp(gain), np.exp(colour), weights.sum(0), (usual * strange).astype(np.float32))
+
+
+def _strange(logs: np.ndarray, colour: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """(V, m) bool, where a photo shows another hue than the part (m,) has: of what stands beside or behind it.
+
+    A part of many hues has no strange ones; and what all photos show stays, because only weights among photos change.
+    """
+    hue = colour[:, [0, 2]] - colour[:, [1]]
+    usual, spread = np.zeros((part.max() + 1, 2)), np.full(part.max() + 1, np.inf)
+    for p in np.unique(part[np.isfinite(colour[:, 0])]):
+        mine = hue[(part == p) & np.isfinite(colour[:, 0])]
+        usual[p] = np.median(mine, axis=0)
+        spread[p] = np.median(np.abs(mine - usual[p]).max(1))
+    off = np.abs(logs[..., [0, 2]] - logs[..., [1]] - usual[part]).max(2)
+    return np.nan_to_num(off) > np.maximum(OTHER_HUE, 4 * spread[part])
 
 
 def _fineness(view: View) -> float:

@@ -17,6 +17,7 @@ from recon.appearance.atlas import Atlas
 from recon.appearance.texels import Texels
 from recon.appearance.views import Rays
 
+BRIGHT = np.array([0.2126, 0.7152, 0.0722])  # of linear RGB
 DIRECTIONS = 48  # of light, over the whole sphere
 FLOOR, OWN = 0.45, 0.35  # even light: what floor and object send back of what they get
 HELD = 0.03  # how strongly even light is held on to, beside relative errors
@@ -50,10 +51,21 @@ def light(
     some = told[:: max(1, len(told) // SOME)]
     found = _even()
     if len(some):
-        bright = np.maximum(colour[some] @ (0.2126, 0.7152, 0.0722), 1e-3)
+        bright = np.maximum(colour[some] @ BRIGHT, 1e-3)
         found, material = _solved(reach[some], bright, weight[some], atlas.part[cells.triangle[some]], material)
     shade = np.clip(reach @ found, DARKEST, BRIGHTEST)
     return Light(shade / np.exp(np.median(np.log(shade[told]))) if len(told) else shade, material)
+
+
+def believed(shade: np.ndarray, bright: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """(m,) the part of the light at m places that brings their brightness (m,) towards that of their parts (m,).
+
+    Where the shape is not quite the object's, shadows fall elsewhere: what light would lead away from a part's colour
+    is not taken out.
+    """
+    all_of_it, wanted = np.log(shade), np.log(np.maximum(bright, 1e-3) / np.maximum(base, 1e-3))
+    some = np.clip(wanted, np.minimum(all_of_it, 0), np.maximum(all_of_it, 0))
+    return np.exp(np.where(np.isfinite(wanted), some, 0))
 
 
 def _solved(
@@ -110,9 +122,9 @@ def _reach(cells: Texels, atlas: Atlas, rays: Rays) -> np.ndarray:
 
 
 def _even() -> np.ndarray:
-    """An even sky and what comes back, 1 on level ground in the open."""
-    half = DIRECTIONS // 2
-    even = np.concatenate([np.ones(half), [FLOOR, OWN]])
+    """An overcast sky, three times as bright above as at the horizon, and what comes back: 1 on open level ground."""
+    sky = (1 + 2 * _directions()[: DIRECTIONS // 2, 2]) / 2
+    even = np.concatenate([sky, [FLOOR, OWN]])
     return even / _open(even)
 
 

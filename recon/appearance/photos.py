@@ -10,11 +10,11 @@ import numpy as np
 from procmodels.look import Look
 from procmodels.shape import Shape
 from recon.appearance import fill
-from recon.appearance.agreement import agreed
-from recon.appearance.atlas import unwrapped
+from recon.appearance.agreement import Agreement, agreed
+from recon.appearance.atlas import Atlas, unwrapped
 from recon.appearance.blend import Blend, blended
 from recon.appearance.cell_images import CellImages
-from recon.appearance.light import light
+from recon.appearance.light import BRIGHT, believed, light
 from recon.appearance.materials import alike, base_colours
 from recon.appearance.texels import Texels
 from recon.appearance.views import Rays, ViewOptions, views
@@ -57,16 +57,27 @@ def run(shape: Shape, scene: Scene, options: LookOptions = LookOptions()) -> App
         log.warning("no photo shows the shape where it stands: it gets no colours")
         return Appearance(None)
     images = CellImages(cells, texels)
-    part = atlas.part[cells.triangle]
-    shade, material = np.ones(len(cells.flat)), None
-    if options.unshaded:
-        material = alike(part, len(shape.parts), agreement.colour, agreement.weight)
-        found = light(cells, atlas, rays, agreement.colour, agreement.weight, material)
-        shade, material = found.shade, found.material
-    base, factor = base_colours(shape.parts, part, agreement.colour / shade[:, None], agreement.weight, material)
+    base, shade, tint = _unlit(shape, atlas, rays, cells, agreement, options)
     blend = blended(texels, atlas, shots, agreement, images)
-    lit = images.spread(shade[:, None]) / factor.astype(np.float32)[atlas.part[texels.triangle]]
+    lit = images.spread(shade[:, None]) * tint.astype(np.float32)[atlas.part[texels.triangle]]
     blend = Blend(blend.colour / lit, blend.known)
     colour = fill.filled(blend, texels, cells, atlas, images, base)
     look = Look(np.clip(base, 0, 1), fill.picture(texels, colour), atlas.uv)
     return Appearance(look, float((blend.known > fill.SEEN).mean()))
+
+
+def _unlit(
+    shape: Shape, atlas: Atlas, rays: Rays, cells: Texels, agreement: Agreement, options: LookOptions
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Base colours (P, 3) of the parts; and the light at every cell (m,) and its tint on every part (P, 3), by which
+    the photos' colours are divided.
+    """
+    part, colour, weight = atlas.part[cells.triangle], agreement.colour, agreement.weight
+    if not options.unshaded:
+        base, _ = base_colours(shape.parts, part, colour, weight)
+        return base, np.ones(len(part)), np.ones_like(base)
+    found = light(cells, atlas, rays, colour, weight, alike(part, len(shape.parts), colour, weight))
+    base, factor = base_colours(shape.parts, part, colour / found.shade[:, None], weight, found.material)
+    whole = factor @ BRIGHT
+    shade = believed(found.shade / whole[part], colour @ BRIGHT, (base @ BRIGHT)[part])
+    return base, shade, whole[:, None] / factor

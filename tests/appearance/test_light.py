@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recon.appearance.atlas import unwrapped
-from recon.appearance.light import light
+from recon.appearance.light import believed, light
 from recon.appearance.materials import alike, base_colours
 from recon.appearance.texels import Texels
 from recon.appearance.views import Rays
@@ -68,3 +68,9 @@ def test_hues_are_told_apart():
     part = np.arange(3).repeat(10)
     colour = np.array([(0.4, 0.3, 0.2), (0.2, 0.25, 0.4), (0.8, 0.6, 0.42)])[part]
     assert alike(part, 4, colour, np.ones(30)).tolist() == [0, 1, 0, 2], "the last is not seen"
+
+
+def test_light_that_leads_away_from_a_colour_is_not_believed():
+    shade, bright = np.array([0.5, 0.5, 0.5, 2.0, 2.0, 0.5]), np.array([0.1, 0.14, 0.2, 0.2, 0.9, np.nan])
+    found = believed(shade, bright, np.full(6, 0.2))
+    assert found == pytest.approx([0.5, 0.7, 1.0, 1.0, 2.0, 1.0])

@@ -156,3 +156,15 @@ def test_what_gives_no_colours(striped, tmp_path):
     gone = replace(striped.poses, paths=(tmp_path / "gone.png", *striped.poses.paths[1:]))
     with pytest.raises(InputError, match=r"gone\.png is missing"):
         photos.run(stool(), replace(striped, poses=gone), PLAIN)
+
+
+def test_what_stands_beside_does_not_paint_a_thin_part(tmp_path):
+    """Two of eight photos were taken from elsewhere than is believed: they show the floor or a neighbour on parts."""
+    scene = photographed(stool(), by_part, around(8), tmp_path, spread=8)
+    poses = scene.cameras.cam_from_world.copy()
+    poses[[2, 5], 0, 3] += 0.08
+    cameras = replace(scene.cameras, cam_from_world=poses)
+    found = photos.run(stool(), replace(scene, poses=replace(scene.poses, cameras=cameras)), PLAIN).look
+    texels, truth = _truth(stool(), by_part)
+    assert found.colours == pytest.approx(PARTS, abs=0.02)
+    assert (_apart(found, texels, truth) > 40).mean() < 0.03
