@@ -10,12 +10,12 @@ import threading
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from datasets.jobs import child
-from recon.cameras import sheet_matches
+from recon.cameras import sheet_matches, sheet_poses
 from recon.cameras.intrinsics import held
 from recon.cameras.pair_selection import camera_groups, image_pairs
 from recon.cameras.sfm_options import LADDER, Attempt, Rung
@@ -119,6 +119,7 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
         "database": str((folder / f"features_{source}.db").resolve()),
         "pair_error": pair_error(frames, options),
         "marks": marks,
+        **({} if not marks else _about_sheets(frames)),
         "rung": asdict(rung),
         "seed": options.seed + number,
         # Of few photos one thread: the time is short anyway, and nothing is left to the order in which threads end.
@@ -127,6 +128,17 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
     path = folder / f"attempt_{number}.json"
     path.write_text(json.dumps(order, indent=1))
     return path
+
+
+def _about_sheets(frames: Frames) -> dict[str, Any]:
+    """Where each camera stands about the sheets, and its lens, by file name."""
+    focals = sheet_poses.focal_lengths(frames)
+    middles = (frames.sizes / 2).tolist()
+    return {
+        "sheet_poses": sheet_poses.run(frames),
+        "sheet_K": {p.name: [float(f), *m] for p, f, m in zip(frames.paths, focals, middles, strict=True)},
+        "sheet_tolerance": sheet_matches.TOLERANCE * float(frames.sizes.max()),
+    }
 
 
 class ChildError(Exception):

@@ -13,8 +13,7 @@ import numpy as np
 from recon.scene import Frames
 from recon.sheet.layout import CORNERS
 
-TRUSTED = 6  # corners that a pair of photos shares: enough to tell that its other matches are wrong
-AGREE = 0.5  # of them must fit the geometry of the pair
+TOLERANCE = 0.012  # of the longest side, that matches may miss the lines by: these cameras are half a degree off
 
 
 def marks(frames: Frames) -> dict[str, list[tuple[int, float, float]]]:
@@ -36,22 +35,46 @@ def marks(frames: Frames) -> dict[str, list[tuple[int, float, float]]]:
 def join(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path, verification: Any) -> None:
     """Add the marks of an order to the features and matches in the database, and verify all pairs anew.
 
-    A pair whose marks do not fit what its other matches say keeps the marks alone: chairs look alike from both sides.
+    Matches of two photos that contradict where their cameras stand about a sheet are left out first.
     """
     opened = pycolmap.Database.open(str(database))
     ids = {image.name: image.image_id for image in opened.read_all_images()}
     rows = {name: _add_keypoints(opened, ids[name], found) for name, found in order["marks"].items() if name in ids}
-    shared = {}
     for i, j in order["pairs"]:
         a, b = order["images"][i], order["images"][j]
         common = sorted(rows.get(a, {}).keys() & rows.get(b, {}).keys())
-        if common:
-            shared[a, b] = np.array([(rows[a][key], rows[b][key]) for key in common], np.uint32)
-            _write(opened, ids[a], ids[b], shared[a, b], keep=True)
+        added = np.array([(rows[a][key], rows[b][key]) for key in common], np.uint32).reshape(-1, 2)
+        F = fundamental(order["sheet_poses"], order["sheet_K"], a, b)
+        if len(added) or F is not None:
+            _rewrite(opened, ids[a], ids[b], added, F, order["sheet_tolerance"])
     opened.clear_two_view_geometries()
     opened.close()
     pycolmap.verify_matches(database, pair_list, verification)
-    _drop_contradictions(pycolmap, database, ids, shared, pair_list, verification)
+
+
+def fundamental(
+    poses: dict[str, dict[str, list[float]]], K: dict[str, list[float]], a: str, b: str
+) -> np.ndarray | None:
+    """(3, 3) F with x_b^T F x_a = 0 for pixels of two photos, by a sheet that both show; None without one.
+
+    poses  cam_from_sheet by photo and board (recon.cameras.sheet_poses); K: focal length and principal point by photo
+    """
+    common = sorted(poses.get(a, {}).keys() & poses.get(b, {}).keys())
+    if not common:
+        return None
+    b_from_a = np.reshape(poses[b][common[0]], (4, 4)) @ np.linalg.inv(np.reshape(poses[a][common[0]], (4, 4)))
+    x, y, z = b_from_a[:3, 3]
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ b_from_a[:3, :3]
+    Ka, Kb = (np.array([[f, 0, cx], [0, f, cy], [0, 0, 1.0]]) for f, cx, cy in (K[a], K[b]))
+    return np.linalg.inv(Kb).T @ essential @ np.linalg.inv(Ka)
+
+
+def from_epipolar(F: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n,) px, the farther of the two distances of pixels a, b (n, 2) from each other's epipolar lines."""
+    first, second = (np.column_stack([p, np.ones(len(p))]) for p in (a, b))
+    in_b, in_a = first @ F.T, second @ F
+    product = np.abs((second * in_b).sum(1))
+    return product / np.maximum(np.minimum(np.hypot(*in_b[:, :2].T), np.hypot(*in_a[:, :2].T)), 1e-12)
 
 
 def _add_keypoints(opened: Any, image: int, found: list[tuple[int, float, float]]) -> dict[int, int]:
@@ -72,37 +95,13 @@ def _add_keypoints(opened: Any, image: int, found: list[tuple[int, float, float]
     return {key: len(known) + i for i, (key, _, _) in enumerate(found)}
 
 
-def _write(opened: Any, a: int, b: int, added: np.ndarray, keep: bool) -> None:
-    """Write the matches of a pair: those that it has, if they are kept, and `added` (k, 2)."""
-    matches = added
+def _rewrite(opened: Any, a: int, b: int, added: np.ndarray, F: np.ndarray | None, tolerance: float) -> None:
+    """The matches of a pair: those that it has, as far as they fit F, and `added` (k, 2)."""
+    kept = np.zeros((0, 2), np.uint32)
     if opened.exists_matches(a, b):
-        if keep:
-            matches = np.concatenate([np.asarray(opened.read_matches(a, b), np.uint32).reshape(-1, 2), added])
+        kept = np.asarray(opened.read_matches(a, b), np.uint32).reshape(-1, 2)
+        if F is not None and len(kept):
+            places = [np.asarray(opened.read_keypoints(i), float)[:, :2] for i in (a, b)]
+            kept = kept[from_epipolar(F, places[0][kept[:, 0]], places[1][kept[:, 1]]) < tolerance]
         opened.delete_matches(a, b)
-    opened.write_matches(a, b, matches)
-
-
-def _drop_contradictions(
-    pycolmap: Any,
-    database: Path,
-    ids: dict[str, int],
-    shared: dict[tuple[str, str], np.ndarray],
-    pair_list: Path,
-    verification: Any,
-) -> None:
-    opened = pycolmap.Database.open(str(database))
-    wrong = []
-    for (a, b), marked in shared.items():
-        if len(marked) < TRUSTED or not opened.exists_two_view_geometry(ids[a], ids[b]):
-            continue
-        inliers = np.asarray(opened.read_two_view_geometry(ids[a], ids[b]).inlier_matches).reshape(-1, 2)
-        fitting = {tuple(row) for row in inliers.tolist()}
-        if sum(tuple(row) in fitting for row in marked.tolist()) < AGREE * len(marked):
-            opened.delete_two_view_geometry(ids[a], ids[b])
-            _write(opened, ids[a], ids[b], marked, keep=False)
-            wrong.append((a, b))
-    opened.close()
-    if wrong:
-        again = pair_list.with_suffix(".again.txt")
-        again.write_text("".join(f"{a} {b}\n" for a, b in wrong))
-        pycolmap.verify_matches(database, again, verification)
+    opened.write_matches(a, b, np.concatenate([kept, added]))
