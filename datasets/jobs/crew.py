@@ -51,12 +51,7 @@ class Member:
         late = threading.Event()
         timer = None
         if self.limits.seconds is not None:
-
-            def end() -> None:
-                late.set()
-                process.kill()
-
-            timer = threading.Timer(self.limits.seconds, end)
+            timer = threading.Timer(self.limits.seconds, _end_late, (process, late))
             timer.start()
         try:
             process.stdin.write(job + "\n")
@@ -117,3 +112,9 @@ class Member:
                     pipe.close()
         self._process.wait()
         self._process = None
+
+
+def _end_late(process: subprocess.Popen[str], late: threading.Event) -> None:
+    """End a process that takes too long, and say so."""
+    late.set()
+    process.kill()
