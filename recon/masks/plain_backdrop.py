@@ -99,8 +99,10 @@ def _outlined(image: np.ndarray, outside: np.ndarray, wide: int) -> np.ndarray:
     A pixel there belongs to the object when its colour is nearer to the object's than to that of the outside beside it.
     """
     window = (2 * wide + 3, 2 * wide + 3)
-    count = cv2.blur(outside.astype(np.float32), window)
-    beside = cv2.blur(image * outside[..., None].astype(np.float32), window) / np.maximum(count, 1e-6)[..., None]
+    free = outside.astype(np.float32)
+    count = np.asarray(cv2.blur(free, window))
+    shown = np.asarray(image * free[..., None], np.float32)
+    beside = np.asarray(cv2.blur(shown, window)) / np.maximum(count, 1e-6)[..., None]
     off = np.abs(image - beside).max(2) * (count > 1e-6)
     reach = np.ones((2 * wide + 1, 2 * wide + 1), np.uint8)
     edge = (cv2.dilate(outside.astype(np.uint8), reach) > 0) & ~outside
