@@ -53,7 +53,7 @@ def _name(part: Part) -> str:
 
 def _write_materials(asset: Asset, path: Path) -> None:
     """The MTL file beside the OBJ file `path`, and the picture. Colours are sRGB, as viewers take them."""
-    picture = asset.look and asset.look.picture
+    picture = asset.look.picture if asset.look else None
     lines = [f"# {asset.space.name}"]
     for part, colour in zip(asset.shape.parts, srgb(asset.colours), strict=True):
         told = " ".join(f"{c:.4f}" for c in colour)

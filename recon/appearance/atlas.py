@@ -61,7 +61,7 @@ class Atlas:
         out = np.full((self.size, self.size), -1, np.int32)
         places = np.rint((self.pixels - 0.5) * 2**_SHIFT).astype(np.int32)  # OpenCV's centres are at whole numbers
         for i, corners in enumerate(places):
-            cv2.fillConvexPoly(out, corners, i, lineType=cv2.LINE_8, shift=_SHIFT)
+            cv2.fillConvexPoly(out, corners, (i,), lineType=cv2.LINE_8, shift=_SHIFT)
         return out
 
 

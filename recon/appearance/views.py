@@ -60,12 +60,12 @@ class Rays:
     def __init__(self, atlas: Atlas) -> None:
         import open3d as o3d  # slow to import, and only needed here
 
-        self._tensor: Any = o3d.core.Tensor  # its stubs do not know that it takes arrays
+        tensor: Any = o3d.core.Tensor  # its stubs do not know that it takes arrays
+        self._tensor = tensor
         self._scene: Any = o3d.t.geometry.RaycastingScene(nthreads=1)
         vertices = np.ascontiguousarray(atlas.corners.reshape(-1, 3), np.float32)
-        self._scene.add_triangles(
-            self._tensor(vertices), self._tensor(np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
-        )
+        triangles = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
 
     def cast(self, eye: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance (n,) in lengths of the directions (n, 3), inf where nothing is hit, and triangle (n,) int."""

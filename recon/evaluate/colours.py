@@ -16,6 +16,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -74,7 +75,7 @@ def true_colours(truth: Photoset, mesh: Path) -> PaintedMesh:
     found = painted(mesh)
     if not isinstance(found, PaintedMesh):
         raise InputError(f"{mesh} has no colours")
-    told = {k: tuple(v) if isinstance(v, list) else v for k, v in truth.info["options"].items()}
+    told: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in truth.info["options"].items()}
     corners = found.corners.reshape(-1, 3)
     forward = staging.canonical_from_file(corners, mesh.suffix, PhotosetOptions(**told))
     return replace(found, corners=staging.apply(forward, corners).reshape(-1, 3, 3))
@@ -84,7 +85,7 @@ def pieces(mesh: Path) -> Shape:
     """The true surface, a part for every piece that hangs together; the small ones are one."""
     import trimesh
 
-    whole = trimesh.load(mesh, process=False)
+    whole: Any = trimesh.load(mesh, process=False)
     label = trimesh.graph.connected_component_labels(whole.face_adjacency, node_count=len(whole.faces))
     area = np.bincount(label, whole.area_faces)
     label = np.where((area > SMALLEST * area.sum())[label], label, -1)
@@ -105,16 +106,15 @@ def true_scene(truth: Photoset) -> Scene:
     return Scene(poses, outlines, Canonical(truth.world_from_canonical))
 
 
-def compared(shape: Shape, look: Look, source: PaintedMesh, size: int = 512) -> Difference:
+def compared(shape: Shape, look: Look, source: PaintedMesh) -> Difference:
     """A look beside the colours of the surface that lies at the same places."""
-    atlas = unwrapped(shape, size)
-    texels = Texels.of(atlas)
+    atlas = unwrapped(shape, 512 if look.picture is None else len(look.picture))
+    texels = Texels.of(atlas).cells()
     true = of_mesh(texels, atlas, source)
     part = atlas.part[texels.triangle]
     shown = look.colours[part]
     if look.picture is not None:
-        large = cv2.resize(look.picture, (size, size), interpolation=cv2.INTER_AREA)
-        shown = linear(large.reshape(-1, 3)[texels.flat] / 255)
+        shown = linear(look.picture.reshape(-1, 3)[texels.flat] / 255)
     count = len(shape.parts)
     pixels = np.bincount(part, minlength=count)
     mean = np.stack([np.bincount(part, true[:, k], count) for k in range(3)], 1) / np.maximum(pixels, 1)[:, None]
