@@ -22,6 +22,8 @@ WORK = ".recon"  # below the output folder: results of the stages, the manifest,
 FILES = (
     "mesh.glb",
     "mesh.obj",
+    "mesh.mtl",
+    "texture.jpg",
     "model.blend",
     "params.json",
     "report.json",
