@@ -54,7 +54,8 @@ def light(
         bright = np.maximum(colour[some] @ BRIGHT, 1e-3)
         found, material = _solved(reach[some], bright, weight[some], atlas.part[cells.triangle[some]], material)
     shade = np.clip(reach @ found, DARKEST, BRIGHTEST)
-    return Light(shade / np.exp(np.median(np.log(shade[told]))) if len(told) else shade, material)
+    level = np.exp(np.average(np.log(shade[told]), weights=weight[told])) if len(told) else 1.0
+    return Light(shade / level, material)
 
 
 def believed(shade: np.ndarray, bright: np.ndarray, base: np.ndarray) -> np.ndarray:

@@ -106,16 +106,15 @@ def true_scene(truth: Photoset) -> Scene:
     return Scene(poses, outlines, Canonical(truth.world_from_canonical))
 
 
-def compared(shape: Shape, look: Look, source: PaintedMesh, size: int = 512) -> Difference:
+def compared(shape: Shape, look: Look, source: PaintedMesh) -> Difference:
     """A look beside the colours of the surface that lies at the same places."""
-    atlas = unwrapped(shape, size)
-    texels = Texels.of(atlas)
+    atlas = unwrapped(shape, 512 if look.picture is None else len(look.picture))
+    texels = Texels.of(atlas).cells()
     true = of_mesh(texels, atlas, source)
     part = atlas.part[texels.triangle]
     shown = look.colours[part]
     if look.picture is not None:
-        large = cv2.resize(look.picture, (size, size), interpolation=cv2.INTER_AREA)
-        shown = linear(large.reshape(-1, 3)[texels.flat] / 255)
+        shown = linear(look.picture.reshape(-1, 3)[texels.flat] / 255)
     count = len(shape.parts)
     pixels = np.bincount(part, minlength=count)
     mean = np.stack([np.bincount(part, true[:, k], count) for k in range(3)], 1) / np.maximum(pixels, 1)[:, None]

@@ -72,9 +72,8 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
     asset = asset_of(result, model)
     size = (options.render_size, options.render_size)
     with publish.replacing(out) as fresh, ThreadPoolExecutor(1) as pool:
-        drawn = pool.submit(
-            render_previews, asset.shape, options.renders, size, look=result.look
-        )  # while Blender writes the meshes
+        # While Blender writes the meshes.
+        drawn = pool.submit(render_previews, asset.shape, options.renders, size, look=result.look)
         _write_meshes(fresh, asset, options)
         _write_json(fresh / "params.json", params_content(result, asset, options))
         if len(result.scene.cameras):
