@@ -64,12 +64,7 @@ class Rays:
         self._tensor = tensor
         self._scene: Any = o3d.t.geometry.RaycastingScene(nthreads=1)
         vertices = np.ascontiguousarray(atlas.corners.reshape(-1, 3), np.float32)
-<<<<<<< HEAD
         self._scene.add_triangles(tensor(vertices), tensor(np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)))
-=======
-        triangles = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
-        self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
->>>>>>> texture
 
     def cast(self, eye: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance (n,) in lengths of the directions (n, 3), inf where nothing is hit, and triangle (n,) int."""
