@@ -17,10 +17,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from recon.cameras import sfm_diagnosis, sheet_matches
+from recon.cameras import sfm_diagnosis, sheet_matches, sheet_start
 from recon.cameras.intrinsics import held
 from recon.cameras.sfm_attempts import climb
-from recon.cameras.sfm_options import LADDER, Attempt, PosesOptions
+from recon.cameras.sfm_options import BY_SHEET, LADDER, Attempt, PosesOptions
 from recon.geometry.undistort import undistorted
 from recon.scene import Cameras, Frames, InputError, Lens, Observations, Poses, ReconstructionError
 from recon.system import scratch
@@ -61,10 +61,11 @@ def run(frames: Frames, workdir: Path, options: PosesOptions = PosesOptions(), s
             f"{diagnosis} {sfm_diagnosis.REMEDY}"
         )
     warnings = [diagnosis] if len(best.view) < total else []
-    if rung != LADDER[0].name:
+    if rung not in (LADDER[0].name, BY_SHEET.name):
         warnings.append(f'the photos were hard to place: {len(best.view)} of {total} with "{rung}"')
     warnings += sfm_diagnosis.focal_warnings(frames, best.view, best.K)
-    warnings += sfm_diagnosis.other_ways(best, tried)
+    if rung != BY_SHEET.name:  # which is certain
+        warnings += sfm_diagnosis.other_ways(best, tried)
     for warning in warnings:
         log.warning(warning)
     return _poses(frames, best, workdir / "undistorted", tuple(warnings))
@@ -115,6 +116,10 @@ def _child(request: Path) -> None:
         _say(f"comparing {len(order['pairs'])} pairs of photos")
         _match(pycolmap, partial, order, request.with_suffix(".pairs.txt"))
         partial.rename(database)
+    if order["rung"]["sheet"]:
+        _say("adding the corners of printed sheets")
+        verification = _verification(pycolmap, order)
+        database = sheet_matches.joined(pycolmap, database, order, request.with_suffix(".pairs.txt"), verification)
     _say("placing the photos")
     models = _map(pycolmap, database, order, request.with_suffix(""))
     answer = {**_counts(pycolmap, database, order["images"]), **_arrays(models, order["images"])}
@@ -158,15 +163,19 @@ def _match(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path
     matching.guided_matching = rung["guided"]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = str(pair_list)
+    verification = _verification(pycolmap, order)
+    pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
+
+
+def _verification(pycolmap: Any, order: dict[str, Any]) -> Any:
+    """How matches of a pair are told to be of one geometry."""
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.min_num_inliers = rung["pair_inliers"]
+    verification.min_num_inliers = order["rung"]["pair_inliers"]
     verification.ransac.random_seed = order["seed"]
     verification.ransac.max_error = order["pair_error"]
     # Pairs without overlap use up every trial: 10,000 (the default) takes twice the time and gains no pair.
     verification.ransac.max_num_trials = 1000
-    pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
-    if order["marks"]:
-        sheet_matches.join(pycolmap, database, order, pair_list, verification)
+    return verification
 
 
 def _map(pycolmap: Any, database: Path, order: dict[str, Any], out: Path) -> list[Any]:
@@ -187,7 +196,11 @@ def _map(pycolmap: Any, database: Path, order: dict[str, Any], out: Path) -> lis
     # and moves none of them by a ten thousandth.
     options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
     options.ba_refine_focal_length = not rung["keep_focal"]
-    models = pycolmap.incremental_mapping(database, order["image_dir"], out, options)
+    begun = out.with_suffix(".begun")
+    if rung["sheet"] and not sheet_start.model(pycolmap, database, order, options, begun):
+        return []
+    begin = str(begun) if rung["sheet"] else ""
+    models = pycolmap.incremental_mapping(database, order["image_dir"], out, options, input_path=begin)
     return sorted(models.values(), key=lambda m: -m.num_reg_images())
 
 

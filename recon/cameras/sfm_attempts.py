@@ -18,7 +18,7 @@ from datasets.jobs import child
 from recon.cameras import sheet_matches, sheet_poses
 from recon.cameras.intrinsics import held
 from recon.cameras.pair_selection import camera_groups, image_pairs
-from recon.cameras.sfm_options import LADDER, Attempt, Rung
+from recon.cameras.sfm_options import BY_SHEET, Attempt, Rung, ladder
 from recon.scene import Frames
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("recon.cameras.poses")
 
-MARKS = 12  # corners of printed sheets that are enough to tie two photos together
+SHEET_FIRST = 0.9, 0.5  # of the photos and observations of another attempt, that make one by a sheet the better
 
 
 def climb(
@@ -44,13 +44,14 @@ def climb(
     failures: list[str] = []
     enough = options.good_fraction * len(frames.names)
     few = len(frames.names) <= options.few_photos
-    for i, rung in enumerate(LADDER[: options.attempts]):
+    rungs = ladder(options.attempts, bool(sheet_matches.marks(frames)))
+    for i, rung in enumerate(rungs):
         if rung.keep_focal and (best is None or plausible_focal(frames, best.view, best.K)):
             continue
         log.info("attempt %d, %s", i + 1, rung.name)
         started = time.monotonic()
         try:
-            request = _request(frames, folder, i, rung, options)
+            request = _request(frames, folder, i, rungs, options)
             attempt = _in_child(request, logs / f"attempt_{i + 1}.log", options.attempt_seconds)
         except ChildError as error:
             log.warning("attempt %d (%s) failed: %s", i + 1, rung.name, error)
@@ -60,15 +61,33 @@ def climb(
         seconds = time.monotonic() - started
         log.info("placed %d of %d photos in %.0f s", len(attempt.view), len(frames.names), seconds)
         # A reconstruction bent by a wrong focal length may hold every photo, but explains few of the matches.
-        if best is None or _evidence(attempt, enough) > _evidence(best, enough):
+        if best is None or _beats(attempt, rung.sheet, best, best_name == BY_SHEET.name, enough):
             best, best_name = attempt, rung.name
-        cheap_next = few and any(r.reuse for r in LADDER[i + 1 : options.attempts])
         plausible = rung.keep_focal or plausible_focal(frames, best.view, best.K)
-        if len(best.view) >= enough and plausible and not cheap_next:
+        if len(best.view) >= enough and plausible and not _cheap_next(rungs[i + 1 :], few):
             break
         if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
             break  # there is nothing to find in these photos
     return best, best_name, tried, failures
+
+
+def _cheap_next(coming: tuple[Rung, ...], few: bool) -> bool:
+    """Whether an attempt is worth its time though enough photos are placed."""
+    return (few and any(r.reuse for r in coming)) or bool(coming and coming[0].sheet)
+
+
+def _beats(attempt: Attempt, by_sheet: bool, best: Attempt, best_by_sheet: bool, enough: float) -> bool:
+    """Whether an attempt is better than the best so far.
+
+    One by a printed sheet, whose corners are certain, is better unless others place far more: then it was moved.
+    """
+    if by_sheet == best_by_sheet:
+        return _evidence(attempt, enough) > _evidence(best, enough)
+    sheet, other = (attempt, best) if by_sheet else (best, attempt)
+    wins = len(sheet.view) >= min(SHEET_FIRST[0] * len(other.view), enough) and (
+        sheet.tracks.sum() >= SHEET_FIRST[1] * other.tracks.sum()
+    )
+    return wins == by_sheet
 
 
 def _evidence(attempt: Attempt, enough: float) -> tuple[float, int]:
@@ -94,18 +113,15 @@ def pair_error(frames: Frames, options: PosesOptions) -> float:
     return float(np.clip(frames.sizes.max() / 400, 2.0, 4.0))
 
 
-def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: PosesOptions) -> Path:
+def _request(frames: Frames, folder: Path, number: int, rungs: tuple[Rung, ...], options: PosesOptions) -> Path:
     """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
-    count = len(frames.names)
-    source = max((i for i, r in enumerate(LADDER[: number + 1]) if not r.reuse), default=number)
+    count, rung = len(frames.names), rungs[number]
+    source = max((i for i, r in enumerate(rungs[: number + 1]) if not r.reuse), default=number)
     if frames.sizes.max() < options.enlarge_below or count <= options.few_photos:
         rung = replace(rung, first_octave=-1)
     given = held(frames, options.intrinsics, options.focal_mm)
     if given is not None:
         rung = replace(rung, keep_focal=True)
-    marks = sheet_matches.marks(frames)
-    if marks:  # they are certain, and few
-        rung = replace(rung, pair_inliers=min(rung.pair_inliers, MARKS))
     order = {
         "images": [p.name for p in frames.paths],
         "image_dir": str(frames.paths[0].parent.resolve()),
@@ -118,8 +134,7 @@ def _request(frames: Frames, folder: Path, number: int, rung: Rung, options: Pos
         ),
         "database": str((folder / f"features_{source}.db").resolve()),
         "pair_error": pair_error(frames, options),
-        "marks": marks,
-        **({} if not marks else _about_sheets(frames)),
+        **(_about_sheets(frames) if rung.sheet else {}),
         "rung": asdict(rung),
         "seed": options.seed + number,
         # Of few photos one thread: the time is short anyway, and nothing is left to the order in which threads end.
@@ -135,6 +150,7 @@ def _about_sheets(frames: Frames) -> dict[str, Any]:
     focals = sheet_poses.focal_lengths(frames)
     middles = (frames.sizes / 2).tolist()
     return {
+        "marks": sheet_matches.marks(frames),
         "sheet_poses": sheet_poses.run(frames),
         "sheet_K": {p.name: [float(f), *m] for p, f, m in zip(frames.paths, focals, middles, strict=True)},
         "sheet_tolerance": sheet_matches.TOLERANCE * float(frames.sizes.max()),

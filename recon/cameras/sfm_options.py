@@ -47,6 +47,7 @@ class Rung:
     start_inliers: int = 100  # matches of the first pair
     start_angle: float = 16.0  # degrees between the rays of the first pair
     keep_focal: bool = False  # hold the focal length that EXIF tells
+    sheet: bool = False  # begin with the photos of printed sheets, whose corners are matches
 
 
 LADDER = (
@@ -56,6 +57,14 @@ LADDER = (
     Rung("more and fainter features", False, 8192, -1, 0.0033, False, True, True, 12, 15, 40, 6.0),
     Rung("affine features at several scales", False, 16384, -1, 0.002, True, True, True, 10, 12, 30, 4.0),
 )
+
+
+BY_SHEET = Rung("the printed sheet", True, pair_inliers=12, sheet=True)
+
+
+def ladder(attempts: int, sheets: bool) -> tuple[Rung, ...]:
+    """At most so many rungs of LADDER; with printed sheets one more after each whose features are new."""
+    return tuple(r for rung in LADDER[:attempts] for r in ((rung, BY_SHEET) if sheets and not rung.reuse else (rung,)))
 
 
 @dataclass(frozen=True)

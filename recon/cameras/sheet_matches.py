@@ -5,6 +5,7 @@ Where a floor is plain, these tie the photos together. In the child process of r
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +33,18 @@ def marks(frames: Frames) -> dict[str, list[tuple[int, float, float]]]:
     return out
 
 
-def join(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path, verification: Any) -> None:
-    """Add the marks of an order to the features and matches in the database, and verify all pairs anew.
+def joined(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path, verification: Any) -> Path:
+    """A copy of the database with the marks of an order among its features and matches, all pairs verified anew.
 
     Matches of two photos that contradict where their cameras stand about a sheet are left out first.
     """
-    opened = pycolmap.Database.open(str(database))
+    copy = database.with_suffix(".sheet.db")
+    shutil.copyfile(database, copy)
+    opened = pycolmap.Database.open(str(copy))
     ids = {image.name: image.image_id for image in opened.read_all_images()}
     rows = {name: _add_keypoints(opened, ids[name], found) for name, found in order["marks"].items() if name in ids}
-    for i, j in order["pairs"]:
-        a, b = order["images"][i], order["images"][j]
+    pairs = [(order["images"][i], order["images"][j]) for i, j in order["pairs"]]
+    for a, b in pairs:
         common = sorted(rows.get(a, {}).keys() & rows.get(b, {}).keys())
         added = np.array([(rows[a][key], rows[b][key]) for key in common], np.uint32).reshape(-1, 2)
         F = fundamental(order["sheet_poses"], order["sheet_K"], a, b)
@@ -49,7 +52,9 @@ def join(pycolmap: Any, database: Path, order: dict[str, Any], pair_list: Path, 
             _rewrite(opened, ids[a], ids[b], added, F, order["sheet_tolerance"])
     opened.clear_two_view_geometries()
     opened.close()
-    pycolmap.verify_matches(database, pair_list, verification)
+    pair_list.write_text("".join(f"{a} {b}\n" for a, b in pairs))
+    pycolmap.verify_matches(copy, pair_list, verification)
+    return copy
 
 
 def fundamental(

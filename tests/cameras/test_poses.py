@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from recon.cameras import poses, sfm_attempts, sfm_diagnosis
+from recon.cameras import poses, sfm_attempts, sfm_diagnosis, sfm_options
 from recon.cameras.pair_selection import camera_groups, image_pairs
 from recon.cameras.sfm_options import Attempt, PosesOptions, Rung
 from recon.files import frames as frames_stage
@@ -233,7 +233,7 @@ def test_child_that_takes_too_long(shots, tmp_path):
 
 
 def test_child_that_crashes(shots, tmp_path, monkeypatch):
-    monkeypatch.setattr(sfm_attempts, "LADDER", (Rung("impossible settings", max_features=-1),))
+    monkeypatch.setattr(sfm_options, "LADDER", (Rung("impossible settings", max_features=-1),))
     with pytest.raises(ReconstructionError, match="impossible settings: ended with code"):
         poses.run(shots, tmp_path)
 
