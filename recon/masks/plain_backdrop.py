@@ -82,7 +82,13 @@ def _object(image: np.ndarray, backdrop: np.ndarray, options: BackdropOptions) -
     border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     sizes = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)
     means = np.stack([np.bincount(labels.ravel(), ratio[..., c].ravel(), count) for c in range(3)], 1) / sizes[:, None]
-    behind = (np.abs(means - 1).max(1) < options.same) & (sizes >= options.least)  # seen through the object
+    light_alone = np.abs(means / np.maximum(means.mean(1, keepdims=True), 1e-3) - 1).max(1) < options.same
+    behind = np.array(  # seen through the object: the backdrop, or a shadow that fades into it
+        [
+            large and grey and abs(np.percentile(light[labels == i], 95) - 1) < 2 * options.same
+            for i, (large, grey) in enumerate(zip(sizes >= options.least, light_alone, strict=True))
+        ]
+    )
     behind[border] = True
     behind[0] = False
     outside = behind[labels]
