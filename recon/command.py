@@ -42,7 +42,7 @@ def parser(prog: str = SCRIPT) -> argparse.ArgumentParser:
     return p
 
 
-def add_options(p: argparse.ArgumentParser) -> None:
+def add_options(p: argparse._ActionsContainer) -> None:
     """What can be said of an input, beside where it is and where its results go."""
     from procmodels import names
     from recon.system.arguments import number, path, seed, whole

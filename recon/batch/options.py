@@ -35,7 +35,7 @@ def known_options() -> dict[str, Option]:
     return {option.flag: option for option in found}
 
 
-def add_unsaid(parser: argparse.ArgumentParser) -> None:
+def add_unsaid(parser: argparse._ActionsContainer) -> None:
     """The same flags for all inputs of a list: None where nothing is said, so that what is said can be told."""
     add_options(parser)
     parser.set_defaults(**dict.fromkeys(option.dest for option in known_options().values()))

@@ -12,8 +12,10 @@ from recon.system.names import all_shown
 from recon.system.whole_files import write_bytes
 
 # Of the CSV. Seconds come last: all before them is the same whenever and by however many workers it was made.
-COLUMNS = ("name", "input", "status", "class", "belongs", "confidence", "mean_iou", "distance", "width", "depth")
-COLUMNS += ("height", "params", "warnings", "error", "seconds")
+COLUMNS = (
+    *("name", "input", "status", "class", "belongs", "confidence", "mean_iou", "distance", "width", "depth", "height"),
+    *("params", "warnings", "error", "seconds"),
+)
 
 
 def write(rows: list[dict[str, Any]], out: Path) -> None:

@@ -105,8 +105,9 @@ def _outlined(image: np.ndarray, outside: np.ndarray, wide: int) -> np.ndarray:
     A pixel there belongs to the object when its colour is nearer to the object's than to that of the outside beside it.
     """
     window = (2 * wide + 3, 2 * wide + 3)
-    count = cv2.blur(outside.astype(np.float32), window)
-    beside = cv2.blur(image * outside[..., None].astype(np.float32), window) / np.maximum(count, 1e-6)[..., None]
+    free = outside.astype(np.float32)
+    count = cv2.blur(free, window)
+    beside = cv2.blur(image * free[..., None], window) / np.maximum(count, 1e-6)[..., None]
     off = np.abs(image - beside).max(2) * (count > 1e-6)
     reach = np.ones((2 * wide + 1, 2 * wide + 1), np.uint8)
     edge = (cv2.dilate(outside.astype(np.uint8), reach) > 0) & ~outside
