@@ -23,6 +23,9 @@ class Keeper:
     def __init__(self, function: str, limits: Limits) -> None:
         self.member = Member(function, limits)
 
+    def is_there(self) -> None:
+        """Answers as soon as it runs somewhere."""
+
     def do(self, job: Job) -> dict[str, Any]:
         """As jobs.crew.Member.do."""
         return self.member.do(job)
@@ -58,45 +61,74 @@ class RayNodes:
 
 
 class _Crew:
-    """The keepers, and which job each of them has."""
+    """The keepers: those that are coming, for want of a free processor or a node; the idle; and the busy."""
 
     def __init__(self, ray: Any, function: str, limits: Limits, count: int) -> None:
         self.ray, self.limits = ray, limits
         remote = ray.remote(num_cpus=1, max_restarts=0)(Keeper)
-        self.made = lambda: remote.remote(function, limits)
-        self.idle = [self.made() for _ in range(count)]
+        self._made = lambda: remote.remote(function, limits)
+        self.coming: dict[Any, Any] = {}  # by what will say that they are there
+        self.idle: list[Any] = []
         self.busy: dict[Any, tuple[int, Job, Any, int]] = {}  # by what will be the answer
+        self.waiting: list[tuple[int, Job, int]] = []  # number, job, and how often it is begun then
+        self._losses = limits.tries * count  # of keepers before they are there: then something is wrong with all nodes
+        for _ in range(count):
+            self._call()
 
     def outcomes(self, jobs: Iterable[Job]) -> Iterator[Outcome]:
         """As they are done."""
         todo = enumerate(jobs)
         while True:
-            while self.idle and (taken := next(todo, None)) is not None:
-                self._give(*taken, self.idle.pop(), 1)
-            if not self.busy:
+            while self._is_more(todo) and self.idle:
+                self._give(*self.waiting.pop(), self.idle.pop())
+            if not self.waiting and not self.busy:
                 return
-            ready, _ = self.ray.wait(list(self.busy), num_returns=1, timeout=WAIT)
+            ready, _ = self.ray.wait([*self.busy, *self.coming], num_returns=1, timeout=WAIT)
             for answer in ready:
-                if (outcome := self._taken(answer)) is not None:
+                if answer in self.coming:
+                    self._arrived(answer)
+                elif (outcome := self._taken(answer)) is not None:
                     yield outcome
 
     def end(self) -> None:
         """End the keepers and, with them, their workers."""
-        for keeper in (*self.idle, *(b[2] for b in self.busy.values())):
+        for keeper in (*self.idle, *self.coming.values(), *(b[2] for b in self.busy.values())):
             self.ray.kill(keeper)
 
-    def _give(self, number: int, job: Job, keeper: Any, tries: int) -> None:
+    def _call(self) -> None:
+        keeper = self._made()
+        self.coming[keeper.is_there.remote()] = keeper
+
+    def _arrived(self, answer: Any) -> None:
+        """A keeper is there, or lost before it was. Raises JobError when too many were."""
+        keeper = self.coming.pop(answer)
+        try:
+            self.ray.get(answer)
+            self.idle.append(keeper)
+        except self.ray.exceptions.RayError as error:
+            self._losses -= 1
+            if self._losses < 0:
+                raise JobError(f"the nodes cannot work: {error}") from error
+            self._call()
+
+    def _is_more(self, todo: Iterator[tuple[int, Job]]) -> bool:
+        """Whether a job is waiting; one more is taken when none is."""
+        if not self.waiting and (taken := next(todo, None)) is not None:
+            self.waiting.append((*taken, 1))
+        return bool(self.waiting)
+
+    def _give(self, number: int, job: Job, tries: int, keeper: Any) -> None:
         self.busy[keeper.do.remote(job)] = number, job, keeper, tries
 
     def _taken(self, answer: Any) -> Outcome | None:
-        """The outcome of a job, or None when its keeper was lost and it is tried again."""
+        """The outcome of a job, or None when its keeper was lost and it waits to be tried again, by any."""
         number, job, keeper, tries = self.busy.pop(answer)
         try:
             found = self.ray.get(answer)
         except self.ray.exceptions.RayActorError as error:
-            self.idle.append(self.made())
+            self._call()
             if tries < self.limits.tries:
-                self._give(number, job, self.idle.pop(), tries + 1)
+                self.waiting.append((number, job, tries + 1))
                 return None
             return Outcome(number, error=f"its node was lost ({error})", tries=tries)
         self.idle.append(keeper)

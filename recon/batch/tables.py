@@ -13,8 +13,8 @@ from recon.system.whole_files import write_bytes
 
 # Of the CSV. Seconds come last: all before them is the same whenever and by however many workers it was made.
 COLUMNS = (
-    *("name", "input", "status", "class", "belongs", "confidence", "mean_iou", "distance", "width", "depth"),
-    *("height", "params", "warnings", "error", "seconds"),
+    *("name", "input", "status", "class", "belongs", "confidence", "mean_iou", "distance", "width", "depth", "height"),
+    *("params", "warnings", "error", "seconds"),
 )
 
 

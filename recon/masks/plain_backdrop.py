@@ -82,7 +82,13 @@ def _object(image: np.ndarray, backdrop: np.ndarray, options: BackdropOptions) -
     border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     sizes = np.maximum(np.bincount(labels.ravel(), minlength=count), 1)
     means = np.stack([np.bincount(labels.ravel(), ratio[..., c].ravel(), count) for c in range(3)], 1) / sizes[:, None]
-    behind = (np.abs(means - 1).max(1) < options.same) & (sizes >= options.least)  # seen through the object
+    light_alone = np.abs(means / np.maximum(means.mean(1, keepdims=True), 1e-3) - 1).max(1) < options.same
+    behind = np.array(  # seen through the object: the backdrop, or a shadow that fades into it
+        [
+            large and grey and abs(np.percentile(light[labels == i], 95) - 1) < 2 * options.same
+            for i, (large, grey) in enumerate(zip(sizes >= options.least, light_alone, strict=True))
+        ]
+    )
     behind[border] = True
     behind[0] = False
     outside = behind[labels]
@@ -100,9 +106,8 @@ def _outlined(image: np.ndarray, outside: np.ndarray, wide: int) -> np.ndarray:
     """
     window = (2 * wide + 3, 2 * wide + 3)
     free = outside.astype(np.float32)
-    count = np.asarray(cv2.blur(free, window))
-    shown = np.asarray(image * free[..., None], np.float32)
-    beside = np.asarray(cv2.blur(shown, window)) / np.maximum(count, 1e-6)[..., None]
+    count = cv2.blur(free, window)
+    beside = cv2.blur(image * free[..., None], window) / np.maximum(count, 1e-6)[..., None]
     off = np.abs(image - beside).max(2) * (count > 1e-6)
     reach = np.ones((2 * wide + 1, 2 * wide + 1), np.uint8)
     edge = (cv2.dilate(outside.astype(np.uint8), reach) > 0) & ~outside
