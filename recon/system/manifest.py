@@ -71,7 +71,7 @@ def read(out: Path) -> Manifest:
 
 
 def write(out: Path, manifest: Manifest) -> None:
-    """Store the manifest. Raises OSError, and ValueError for files that are none of a result's, which `read` refuses."""
+    """Store the manifest. Raises OSError, and ValueError for names that are no result's, which `read` refuses."""
     if strange := [n for n in (*manifest.files, *(manifest.coming or {})) if not _is_result(n)]:
         raise ValueError(f"{strange[0]} is no file of a result: FILES lacks it")
     content = {"files": manifest.files, "coming": manifest.coming, "checksum": _checksum(manifest)}

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import procmodels
+from procmodels.asset import Y_UP_FROM_Z_UP
 from procmodels.export import Asset, export_glb, export_obj
 from procmodels.look import Look, srgb
 from recon.appearance import shapes
@@ -42,9 +43,7 @@ def test_a_mesh_hands_its_colours_over(ending, textured, tmp_path):
     asset = _asset(textured)
     path = tmp_path / f"m.{ending}"
     (export_glb if ending == "glb" else export_obj)(asset, path)
-    file_from_canonical = _up(asset)
-    if ending == "glb":
-        file_from_canonical = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]) @ _up(asset)
+    file_from_canonical = Y_UP_FROM_Z_UP @ _up(asset)
     vertices = asset.shape.vertices() @ file_from_canonical[:3, :3].T + file_from_canonical[:3, 3]
     found = shapes.run(path, vertices, asset.shape, Canonical(file_from_canonical), OPTIONS)
     assert found.look.colours == pytest.approx(COLOURS, abs=0.02)
