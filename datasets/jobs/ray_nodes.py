@@ -6,6 +6,7 @@ memory, accidents and results are the same. A keeper that is lost with its node 
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,7 @@ from datasets.jobs.limits import Limits
 from datasets.jobs.outcome import Job, JobError, Outcome, name_of
 
 WAIT = 5.0  # seconds, so that a signal is heard
+REACHED = 10.0  # seconds in which a cluster answers
 
 
 class Keeper:
@@ -47,9 +49,12 @@ class RayNodes:
         mine = not ray.is_initialized()
         if mine:
             try:
-                ray.init(address=self.address, log_to_driver=False, include_dashboard=False, logging_level="error")
-            except (ConnectionError, ValueError, RuntimeError) as error:
-                raise JobError(f"no Ray cluster answers at {self.address} ({error}); start one: ray start") from error
+                _knock(self.address)
+                ray.init(address=self.address, log_to_driver=False, logging_level="error")
+            except (OSError, ValueError, RuntimeError) as error:
+                raise JobError(
+                    f"no Ray cluster answers at {self.address} ({error}); start one with ray start --head"
+                ) from error
         count = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
         crew = _Crew(ray, name, self.limits, count)
         try:
@@ -133,6 +138,13 @@ class _Crew:
             return Outcome(number, error=f"its node was lost ({error})", tries=tries)
         self.idle.append(keeper)
         return Outcome(number, **{**found, "tries": found["tries"] + tries - 1})
+
+
+def _knock(address: str) -> None:
+    """Raise OSError when nothing listens at HOST:PORT, for which Ray would wait for minutes."""
+    host, colon, port = address.rpartition(":")
+    if colon and port.isdigit():
+        socket.create_connection((host, int(port)), timeout=REACHED).close()
 
 
 def _ray() -> Any:
