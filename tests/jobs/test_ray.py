@@ -10,7 +10,7 @@ from tests.jobs import work
 from tests.jobs.test_map import _all_gone, _by_number
 
 ray = pytest.importorskip("ray", reason="the extra `ray` is not installed")
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]  # a cluster takes minutes to come up on two busy cores
 ROOT = Path(__file__).parents[2]
 
 
