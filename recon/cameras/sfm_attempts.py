@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("recon.cameras.poses")
 
+FOCAL_OFF = 0.02  # share, by which the focal length of an attempt and the sheets' may differ where both are right
 SHEET_FIRST = 0.9, 0.5  # of the photos and observations of another attempt, that make one by a sheet the better
 
 
@@ -51,7 +52,8 @@ def climb(
         log.info("attempt %d, %s", i + 1, rung.name)
         started = time.monotonic()
         try:
-            request = _request(frames, folder, i, rungs, options)
+            about = _about_sheets(frames, best, enough) if rung.sheet else {}
+            request = _request(frames, folder, i, rungs, options, about)
             attempt = _in_child(request, logs / f"attempt_{i + 1}.log", options.attempt_seconds)
         except ChildError as error:
             log.warning("attempt %d (%s) failed: %s", i + 1, rung.name, error)
@@ -64,7 +66,8 @@ def climb(
         if best is None or _beats(attempt, rung.sheet, best, best_name == BY_SHEET.name, enough):
             best, best_name = attempt, rung.name
         plausible = rung.keep_focal or plausible_focal(frames, best.view, best.K)
-        if len(best.view) >= enough and plausible and not _cheap_next(rungs[i + 1 :], few):
+        certain = best_name == BY_SHEET.name
+        if len(best.view) >= enough and plausible and (certain or not _cheap_next(rungs[i + 1 :], few)):
             break
         if not rung.reuse and rung.first_octave < 0 and np.median(attempt.keypoints) < 100:
             break  # there is nothing to find in these photos
@@ -113,7 +116,14 @@ def pair_error(frames: Frames, options: PosesOptions) -> float:
     return float(np.clip(frames.sizes.max() / 400, 2.0, 4.0))
 
 
-def _request(frames: Frames, folder: Path, number: int, rungs: tuple[Rung, ...], options: PosesOptions) -> Path:
+def _request(
+    frames: Frames,
+    folder: Path,
+    number: int,
+    rungs: tuple[Rung, ...],
+    options: PosesOptions,
+    about_sheets: dict[str, Any],
+) -> Path:
     """Write the child's orders; a rung that reuses features keeps the database of the attempt before."""
     count, rung = len(frames.names), rungs[number]
     source = max((i for i, r in enumerate(rungs[: number + 1]) if not r.reuse), default=number)
@@ -134,7 +144,7 @@ def _request(frames: Frames, folder: Path, number: int, rungs: tuple[Rung, ...],
         ),
         "database": str((folder / f"features_{source}.db").resolve()),
         "pair_error": pair_error(frames, options),
-        **(_about_sheets(frames) if rung.sheet else {}),
+        **about_sheets,
         "rung": asdict(rung),
         "seed": options.seed + number,
         # Of few photos one thread: the time is short anyway, and nothing is left to the order in which threads end.
@@ -145,14 +155,24 @@ def _request(frames: Frames, folder: Path, number: int, rungs: tuple[Rung, ...],
     return path
 
 
-def _about_sheets(frames: Frames) -> dict[str, Any]:
-    """Where each camera stands about the sheets, and its lens, by file name."""
+def _about_sheets(frames: Frames, best: Attempt | None, enough: float) -> dict[str, Any]:
+    """Where each camera stands about the sheets, and its lens, by file name.
+
+    The focal length that sheets tell is held where other matches have placed too few photos to know better.
+    """
     focals = sheet_poses.focal_lengths(frames)
+    known = False
+    if best is not None and len(best.view) >= enough:
+        off = np.abs(np.log(best.K[:, 0, 0] / focals[best.view]))
+        known = bool(np.isfinite(off).any() and np.nanmedian(off) < FOCAL_OFF)
     middles = (frames.sizes / 2).tolist()
     return {
         "marks": sheet_matches.marks(frames),
+        "sheet_hold": not known,
         "sheet_poses": sheet_poses.run(frames),
-        "sheet_K": {p.name: [float(f), *m] for p, f, m in zip(frames.paths, focals, middles, strict=True)},
+        "sheet_K": {
+            p.name: [float(f), *m] for p, f, m in zip(frames.paths, focals, middles, strict=True) if np.isfinite(f)
+        },
         "sheet_tolerance": sheet_matches.TOLERANCE * float(frames.sizes.max()),
     }
 

@@ -10,10 +10,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from recon.cameras.pair_selection import camera_groups
 from recon.scene import Frames
 from recon.sheet.layout import boards
 
 LEAST = 6  # corners
+LEAST_PHOTOS = 4  # that tell a focal length
+NEARBY = np.linspace(0.93, 1.07, 15)  # of the focal length that EXIF tells, tried
+CLEAR = 1.15  # times the least error, that the ends of what was tried must have
 FOCALS = np.geomspace(0.5, 2.5, 33)  # of the photo's longest side, tried where nothing tells the focal length
 DECISIVE = 1.5  # times the error that the other of the two ways to see a plane must have
 POOR = 4e-3  # of the longest side: a worse fit is none
@@ -34,29 +38,44 @@ def run(frames: Frames) -> dict[str, dict[int, list[float]]]:
         if (seen.copy[mine] > 0).any() or mine.sum() < LEAST:
             continue
         places = boards()[board].in_metres(boards()[board].corners()[seen.corner[mine]])
-        pose, _ = _pose(places, seen.pixels[mine], _K(frames, view, focals[view]))
+        pose = None if np.isnan(focals[view]) else _pose(places, seen.pixels[mine], _K(frames, view, focals[view]))[0]
         if pose is not None:
             out.setdefault(frames.paths[view].name, {})[board] = pose.ravel().tolist()
     return out
 
 
 def focal_lengths(frames: Frames) -> np.ndarray:
-    """(V,) px: as EXIF or the user says, else the one with which the sheets in all photos of the size fit best."""
+    """(V,) px: the one with which sheets in all photos of a camera fit best, where that is clear; else as EXIF says.
+
+    A flat thing of known shape seen from several sides tells the focal length to some thousandths, and EXIF rounds it.
+    NaN where neither tells it.
+    """
     out = frames.focal_px.copy()
-    for size in np.unique(frames.sizes[np.isnan(out)], axis=0):
-        views = np.flatnonzero(np.isnan(out) & (frames.sizes == size).all(1))
-        known = frames.focal_px[(frames.sizes == size).all(1)]
-        if np.isfinite(known).any():
-            out[views] = np.nanmedian(known)
-            continue
-        tried = FOCALS * float(size.max())
-        errors = [_misfit(frames, views, f) for f in tried]
-        out[views] = tried[int(np.argmin(errors))]
+    for group in camera_groups(frames):
+        views = np.flatnonzero([p.name in group["images"] for p in frames.paths])
+        start = np.nan if group["params"] is None else float(group["params"][0])
+        tried = FOCALS * float(frames.sizes[views].max()) if np.isnan(start) else start * NEARBY
+        best = _best(frames, views, tried)
+        if best is not None and np.isnan(start):
+            best = _best(frames, views, best * NEARBY) or best
+        out[views] = start if best is None else best
     return out
 
 
+def _best(frames: Frames, views: np.ndarray, tried: np.ndarray) -> float | None:
+    """The focal length among `tried` (and between them) with the least error; None where that is not clear."""
+    errors = np.array([_misfit(frames, views, f) for f in tried])
+    k = int(np.argmin(errors))
+    clear = np.isfinite(errors[k]) and 0 < k < len(tried) - 1 and min(errors[0], errors[-1]) > CLEAR * errors[k]
+    if not clear:
+        return None
+    at = np.log(tried[k - 1 : k + 2])
+    a, b, _ = np.polyfit(at - at[1], errors[k - 1 : k + 2], 2)
+    return float(np.exp(at[1] + np.clip(-b / (2 * a), at[0] - at[1], at[2] - at[1]))) if a > 0 else float(tried[k])
+
+
 def _misfit(frames: Frames, views: np.ndarray, focal: float) -> float:
-    """Mean error of all sheets in these photos at a focal length; infinite without any."""
+    """Mean error of all sheets in these photos at a focal length; infinite where too few photos show one."""
     seen, errors = frames.sheets, []
     if seen is None:
         return np.inf
@@ -66,7 +85,7 @@ def _misfit(frames: Frames, views: np.ndarray, focal: float) -> float:
             if mine.sum() >= LEAST:
                 places = boards()[board].in_metres(boards()[board].corners()[seen.corner[mine]])
                 errors.append(_pose(places, seen.pixels[mine], _K(frames, view, focal))[1])
-    return float(np.mean(errors)) if errors else np.inf
+    return float(np.mean(errors)) if len(errors) >= LEAST_PHOTOS else np.inf
 
 
 def _K(frames: Frames, view: int, focal: float) -> np.ndarray:

@@ -23,7 +23,8 @@ def model(pycolmap: Any, database: Path, order: dict[str, Any], options: Any, ou
     if len(poses) < LEAST:
         return False
     out.mkdir(exist_ok=True)
-    known = _with_cameras(pycolmap, database, poses)
+    focals = {} if order["rung"]["keep_focal"] else {name: K[0] for name, K in order["sheet_K"].items()}
+    known = _with_cameras(pycolmap, database, poses, focals)
     known = pycolmap.triangulate_points(known, database, order["image_dir"], out, options=options)
     if known.num_points3D() < LEAST:
         return False
@@ -62,15 +63,22 @@ def linked(poses: dict[str, dict[str, list[float]]]) -> dict[str, np.ndarray]:
     return out
 
 
-def _with_cameras(pycolmap: Any, database: Path, poses: dict[str, np.ndarray]) -> Any:
-    """A reconstruction of the database's cameras and images, those of `poses` in their places, without points."""
+def _with_cameras(pycolmap: Any, database: Path, poses: dict[str, np.ndarray], focals: dict[str, float]) -> Any:
+    """A reconstruction of the database's cameras and images, those of `poses` in their places, without points.
+
+    focals  px by photo, in place of those in the database
+    """
     opened = pycolmap.Database.open(str(database))
     out = pycolmap.Reconstruction()
+    every = opened.read_all_images()
+    told = {image.camera_id: focals[image.name] for image in every if focals.get(image.name, np.nan) > 0}
     for camera in opened.read_all_cameras():
+        if camera.camera_id in told:
+            camera.focal_length = told[camera.camera_id]
         out.add_camera(camera)
     for rig in opened.read_all_rigs():
         out.add_rig(rig)
-    images = {image.frame_id: image for image in opened.read_all_images() if image.name in poses}
+    images = {image.frame_id: image for image in every if image.name in poses}
     for frame in opened.read_all_frames():
         if frame.frame_id in images:
             matrix = poses[images[frame.frame_id].name][:3]
