@@ -23,7 +23,8 @@ fast: install
 long: install
 	$(BIN)/python -m pytest -m long
 
-# Networks of all classes by the present recipe. Each card says what made the shipped ones, and how long it took.
+# Networks of all classes by the present recipe; DATA names folders of real objects beside Debian's catalogues. Each
+# card says what made the shipped ones, and how long it took.
 weights: install
 	set -e; for class in bed chair shelf sofa table; do \
 	  [ $$class = sofa ] && shapes=10000 || shapes=3000; \
@@ -34,6 +35,8 @@ weights: install
 	$(BIN)/python -m datasets.synthetic chair --train-on 0 --train-off 40000 --test-on 0 --test-off 600 \
 	  --train-hull 14000 --test-hull 300 --workers 2 --out .cache/data/chair
 	$(BIN)/python -m nnproc.inverse chair --data .cache/data/chair --work .cache/train/chair
+	$(BIN)/python -m datasets.outlines $(addprefix --data ,$(DATA)) --out .cache/data/outlines
+	$(BIN)/python -m nnproc.learn_outlines --data .cache/data/outlines
 
 install: $(VENV)/installed
 

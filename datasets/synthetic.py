@@ -14,20 +14,18 @@ import argparse
 import hashlib
 import json
 import logging
-import multiprocessing
-import os
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from datasets.hulls import hull
+from datasets.jobs import Backend, JobError, Pool, RayNodes
 from datasets.voxels import pack, surface_grid, unpack
 from procmodels import Model, ModelError, load
 from procmodels.space import Params, ParamSpace
@@ -114,6 +112,10 @@ def shape_grid(model: Model, which: str, index: int, params: Params, seed: int, 
     return surface_grid(shape.vertices(), shape.triangles(), scratch=scratch)
 
 
+class ShardError(Exception):
+    """Some shapes could not be made, by a worker's accidents."""
+
+
 @dataclass(frozen=True)
 class _Shard:
     """Shapes start .. start + count of a set, and the file that is to hold them."""
@@ -124,11 +126,13 @@ class _Shard:
     path: Path
 
 
-def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptions(), workers: int = 1) -> None:
+def generate(
+    model: Model, out: Path, options: SyntheticOptions = SyntheticOptions(), backend: Backend | None = None
+) -> None:
     """Write every set below `out`; shards that are whole (by checksum) and of this space are kept.
 
-    With several workers each is a process of its own that loads the model from its file. Raises ValueError when the
-    on-grid sets do not fit in the grid or `out` holds data of another space or seed.
+    A back end's workers load the model from its file; without one it is done here. Raises ValueError when the on-grid
+    sets do not fit in the grid or `out` holds data of another space or seed, ShardError when a shard cannot be made.
     """
     if _is_listed(model.space) and options.train_on + options.test_on > model.space.grid_size:
         raise ValueError(
@@ -141,7 +145,7 @@ def generate(model: Model, out: Path, options: SyntheticOptions = SyntheticOptio
         for shard in _shards(out, options)
         if manifest["shards"].get(shard.path.name) != [shard.count, _digest(shard.path)]
     ]
-    done = _made(model, missing, options) if workers == 1 else _made_by(workers, model, missing, options)
+    done = _made(backend, model, missing, options) if backend else _made_here(model, missing, options)
     for shard in tqdm(done, total=len(missing), desc=model.name, unit="shard", disable=None):
         manifest["shards"][shard.path.name] = [shard.count, _digest(shard.path)]
         _write_json(out / "manifest.json", manifest)
@@ -151,44 +155,35 @@ def _shards(out: Path, options: SyntheticOptions) -> Iterator[_Shard]:
     for which in SETS:
         total = getattr(options, which)
         for start in range(0, total, SHARD):
-            yield _Shard(which, start, min(SHARD, total - start), out / f"{which}_{start:06d}.npz")
+            yield _Shard(which, start, min(SHARD, total - start), out.absolute() / f"{which}_{start:06d}.npz")
 
 
-def _made(model: Model, shards: list[_Shard], options: SyntheticOptions) -> Iterator[_Shard]:
-    for shard in shards:
-        _make(model, shard, options)
+def _made(backend: Backend, model: Model, shards: list[_Shard], options: SyntheticOptions) -> Iterator[_Shard]:
+    """The shards as they are done. Raises ShardError for one that could not be made."""
+    file, about = str(model.weights.with_suffix(".py")), asdict(options)
+    orders = ({"file": file, "options": about, "shard": {**asdict(s), "path": str(s.path)}} for s in shards)
+    for outcome in backend.map(make_shard, orders):
+        shard = shards[outcome.number]
+        if outcome.error is not None:
+            raise ShardError(f"{shard.path.name} could not be made: {outcome.error}\n{outcome.details}")
         yield shard
 
 
-def _made_by(workers: int, model: Model, shards: list[_Shard], options: SyntheticOptions) -> Iterator[_Shard]:
-    """The shards as they are done, by processes that start afresh: threads of open3d do not survive a fork."""
-    if not shards:
-        return
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, fresh, _start_worker, (str(model.weights.with_suffix(".py")), options)) as pool:
-        for future in as_completed([pool.submit(_make_in_worker, shard) for shard in shards]):
-            yield future.result()
+def make_shard(order: dict[str, Any]) -> None:
+    """What a worker does, which loads the model from its file."""
+    shard = _Shard(**{**order["shard"], "path": Path(order["shard"]["path"])})
+    _make(_loaded(order["file"]), shard, SyntheticOptions(**order["options"]))
 
 
-_in_worker: list[Callable[[_Shard], None]] = []  # one entry, in a worker: what makes a shard
+@lru_cache(maxsize=1)
+def _loaded(file: str) -> Model:
+    return load(file)
 
 
-def _start_worker(path: str, options: SyntheticOptions) -> None:
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    model = load(path)
-    _in_worker.append(lambda shard: _make(model, shard, options))
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever."""
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _make_in_worker(shard: _Shard) -> _Shard:
-    _in_worker[0](shard)
-    return shard
+def _made_here(model: Model, shards: list[_Shard], options: SyntheticOptions) -> Iterator[_Shard]:
+    for shard in shards:
+        _make(model, shard, options)
+        yield shard
 
 
 def _make(model: Model, shard: _Shard, options: SyntheticOptions) -> None:
@@ -261,11 +256,13 @@ def main(argv: list[str] | None = None) -> int:
     for field in (*SETS, "seed"):
         parser.add_argument(f"--{field.replace('_', '-')}", type=int, default=getattr(defaults, field))
     parser.add_argument("--workers", type=int, default=1, help="processes; the data are the same")
+    parser.add_argument("--ray", metavar="ADDRESS", help="of a Ray cluster whose machines do the work")
     args = parser.parse_args(argv)
     options = SyntheticOptions(**{field: getattr(args, field) for field in (*SETS, "seed")})
+    pool = Pool(args.workers) if args.workers > 1 else None
     try:
-        generate(load(args.model), args.out, options, args.workers)
-    except (ModelError, ValueError) as error:
+        generate(load(args.model), args.out, options, RayNodes(args.ray) if args.ray else pool)
+    except (ModelError, JobError, ShardError, ValueError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2
     return 0

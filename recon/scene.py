@@ -245,7 +245,7 @@ class Silhouettes:
 
     names   V names, as in Cameras
     masks   V arrays (H, W) bool, True = object, at the camera's size
-    source  V of "user", "alpha" or "grabcut"
+    source  V of "user", "alpha", "grabcut" or "backdrop"
     used    (V,) bool: False for views that disagree with the others; they are kept for the report only
     floor   (4,) float or None: plane (n, d) in the world frame with n . X + d = 0, |n| = 1, n towards the cameras
     reasons why a view is not used: (name, reason)

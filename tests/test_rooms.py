@@ -17,9 +17,11 @@ WINGS = (
     ("cameras", "masks"),
     ("shapes",),
     ("fitting",),
+    ("appearance",),
     ("outputs",),
     ("pipelines",),
-    ("viewer", "evaluate"),
+    ("api", "command", "__main__"),
+    ("batch", "viewer", "evaluate"),
 )
 ROW = {wing: i for i, row in enumerate(WINGS) for wing in row}
 FILES = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from procmodels.export import SMOOTH_DEGREES
 from procmodels.nodes.graph import Graph
+from procmodels.normals import SMOOTH_DEGREES
 
 
 def soft_box_group() -> Any:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nnproc import child
+from datasets.jobs import child
 from recon.cameras import sheet_matches, sheet_poses
 from recon.cameras.intrinsics import held
 from recon.cameras.pair_selection import camera_groups, image_pairs

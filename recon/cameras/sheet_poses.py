@@ -97,11 +97,12 @@ def _pose(places: np.ndarray, pixels: np.ndarray, K: np.ndarray) -> tuple[np.nda
     """cam_from_sheet (4, 4), None when it is not clear, and the error in px."""
     if np.linalg.matrix_rank(places - places.mean(0), tol=1e-6) < 2:
         return None, np.inf
-    ok, turns, shifts, errors = cv2.solvePnPGeneric(places, pixels, K, None, flags=cv2.SOLVEPNP_IPPE)
+    straight = np.zeros(0)  # no distortion
+    ok, turns, shifts, errors = cv2.solvePnPGeneric(places, pixels, K, straight, flags=cv2.SOLVEPNP_IPPE)
     if not ok:
         return None, np.inf
     errors = np.ravel(errors)
-    turn, shift = cv2.solvePnPRefineLM(places, pixels, K, None, turns[0], shifts[0])
+    turn, shift = cv2.solvePnPRefineLM(places, pixels, K, straight, turns[0], shifts[0])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
     local = places @ pose[:3, :3].T + pose[:3, 3]

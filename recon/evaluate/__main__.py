@@ -10,9 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from datasets.jobs import Backend, Here, Pool, RayNodes
 from datasets.part_labels import DEBIAN
 from nnproc.infer import WeightsError
 from procmodels import ModelError, load, names, paper_names
+from procmodels.registry import PAPER
 from recon.evaluate import alignment, calibration, chair, gallery, printed_sheet, robust, space_pictures
 from recon.evaluate.beliefs import command as beliefs
 from recon.evaluate.beliefs import gather
@@ -99,6 +101,7 @@ def _table1_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variant-steps", type=int, default=options.variant_steps, help="training steps of ablations")
     parser.add_argument("--data", type=Path, default=options.data, help="generated pairs, for training the ablations")
     parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE")
+    _worker_flags(parser)
     parser.set_defaults(run=_table1)
 
 
@@ -119,7 +122,7 @@ def _table1(args: argparse.Namespace) -> int:
         work=args.work,
     )
     rows = []
-    for row in table1.run(args.classes or paper_names(), options):
+    for row in table1.run(args.classes or paper_names(), options, _backend(args)):
         rows.append(row)
         if args.json:
             _add_rows(args.json, [row])
@@ -127,8 +130,28 @@ def _table1(args: argparse.Namespace) -> int:
     return 0
 
 
+def _with_the_papers() -> list[str]:
+    """The classes, and those of the paper by their full names."""
+    return [*names(), *(PAPER + name for name in paper_names())]
+
+
+def _worker_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="processes that measure; the rows are the same"
+    )
+    parser.add_argument("--ray", metavar="ADDRESS", help="of a Ray cluster whose machines measure")
+
+
+def _backend(args: argparse.Namespace) -> Backend:
+    if args.workers < 1:
+        raise ValueError(f"--workers {args.workers}: at least 1")
+    pool = Pool(args.workers) if args.workers > 1 else Here()
+    return RayNodes(args.ray) if args.ray else pool
+
+
 def _table2_flags(parser: argparse.ArgumentParser) -> None:
-    _real_flags(parser, names())
+    _real_flags(parser, _with_the_papers())
+    parser.set_defaults(all_classes=tuple(names()))
     parser.add_argument("--input", action="append", choices=tuple(INPUTS), help="may be repeated; all")
     parser.set_defaults(run=lambda args: _real(args, args.input or tuple(INPUTS), table2.summary))
 
@@ -147,6 +170,7 @@ def _real_flags(parser: argparse.ArgumentParser, classes: Sequence[str]) -> None
         help="ShapeNet, Pix3D, a .sh3f catalogue or a folder of meshes; may be repeated",
     )
     parser.add_argument("--class", dest="classes", action="append", choices=classes, help="may be repeated; all")
+    _worker_flags(parser)
     parser.add_argument("--limit", type=int, help="only the first objects of a class and source")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--show", type=Path, metavar="FILE", help="measure nothing; print the table of FILE's rows")
@@ -170,7 +194,7 @@ def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[li
         work=args.work,
     )
     rows: list[Table2Row] = []
-    for found in table2.run(options):
+    for found in table2.run(options, _backend(args)):
         rows += found
         table2.write_csv(rows, args.work / f"{args.table}.csv")
         if args.json:
@@ -184,7 +208,9 @@ def _real(args: argparse.Namespace, inputs: Sequence[str], summary: Callable[[li
 
 
 def _robust_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; chair")
+    parser.add_argument(
+        "--class", dest="classes", action="append", choices=_with_the_papers(), help="may be repeated; chair"
+    )
     parser.add_argument("--shapes", type=int, default=robust.RobustOptions.shapes, help="held-out shapes, off the grid")
     parser.set_defaults(
         run=lambda args: _told(
@@ -211,7 +237,9 @@ def _sheet_flags(parser: argparse.ArgumentParser) -> None:
 
 def _calibration_flags(parser: argparse.ArgumentParser) -> None:
     options = calibration.CalibrationOptions()
-    parser.add_argument("--class", dest="classes", action="append", choices=names(), help="may be repeated; four")
+    parser.add_argument(
+        "--class", dest="classes", action="append", choices=_with_the_papers(), help="may be repeated; four"
+    )
     parser.add_argument("--shapes", type=int, default=options.shapes, help="held-out shapes a class, off the grid")
     parser.add_argument("--plot", type=Path, default=Path("docs/calibration.png"))
     parser.add_argument("--keep", action="store_true", help="measure and plot, but leave recon/calibration.json alone")
@@ -234,6 +262,13 @@ def _beliefs_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--input", action="append", choices=tuple(gather.ANSWERS), help="may be repeated; all")
     parser.add_argument("--limit", type=int, help="only the first objects, some of each kind")
     parser.add_argument("--own", type=int, default=own, help=f"shapes of the class itself ({own})")
+    parser.add_argument(
+        "--outlines",
+        type=Path,
+        metavar="DIR",
+        help="networks that did not see the objects: N.safetensors, each made"
+        " by nnproc.learn_outlines --without N (default: the shipped one, which saw all)",
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", action="store_true", help="measure, but leave recon/fitting/beliefs.json alone")
     parser.add_argument("--default", action="store_true", help="classes without a table of their own go by this one")
@@ -250,6 +285,7 @@ def _beliefs(args: argparse.Namespace) -> int:
         labels=args.labels or model.space.name,
         limit=args.limit,
         own=args.own,
+        outlines=args.outlines,
         seed=args.seed,
         work=args.work,
     )

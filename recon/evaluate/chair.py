@@ -13,10 +13,10 @@ import numpy as np
 import trimesh
 from tqdm import tqdm
 
+from datasets.jobs import child
 from datasets.photosets import Photoset, PhotosetOptions, read_photoset, render_photoset
 from datasets.synthetic import SyntheticOptions, shape_params
 from datasets.voxels import surface_grid
-from nnproc import child
 from nnproc.infer import grids_from_params, load_network, values_from_grids
 from procmodels import Model, load
 from procmodels.space import Params
@@ -50,7 +50,7 @@ def run(work: Path, quick: bool) -> list[Row]:
 def reconstruct(photos: Path, out: Path) -> dict[str, Any]:
     """Run the command itself in a process of its own, from nothing; its report, with `peak_gb` added."""
     asked = [str(photos.resolve()), "--class", "chair", "--out", str(out.resolve()), "--force"]
-    process = child.start("run_recon", *asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = child.start("recon", *asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     said = process.communicate()[1]
     if process.returncode:
         raise ReconstructionError(f"{photos}: the command ended with {process.returncode}: {said[-2000:]}")

@@ -27,6 +27,7 @@ from recon.evaluate.rows import Row
 from recon.scene import ReconError
 from recon.sheet.drawing import page
 from recon.sheet.layout import PAPERS
+from recon.system.whole_files import write_picture
 
 OPTIONS = PhotosetOptions(views=20, width=1280, height=960, samples=4, up="z", front="-y")
 PAGE_DPI = 150.0  # of the pictures that lie on the floor: finer than any photo shows
@@ -128,6 +129,6 @@ def _paper(folder: Path, lying: Lying) -> Paper:
     """The page as a picture in `folder`, and where it lies."""
     paper = PAPERS[lying.paper]
     path = folder / f"{lying.paper}_{lying.sheet}.png"
-    cv2.imwrite(str(path), cv2.GaussianBlur(page(paper, lying.sheet, PAGE_DPI), (0, 0), 0.6))
+    write_picture(path, np.asarray(cv2.GaussianBlur(page(paper, lying.sheet, PAGE_DPI), (0, 0), 0.6), np.uint8))
     size = (1e-3 * lying.printed * paper.width, 1e-3 * lying.printed * paper.height)
     return Paper(str(path), size, (lying.x, lying.y), float(np.radians(lying.degrees)))

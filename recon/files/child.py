@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nnproc import child
+from datasets.jobs import child
 from recon.scene import InputError
 
 SECONDS = 300  # after which a reader is given up

@@ -18,6 +18,7 @@ from recon.scene import InputError
 from recon.store import Store
 from recon.system import limits, scratch
 from recon.system.digests import digest, file_digest
+from recon.system.progress import hidden
 from recon.system.whole_files import write_picture
 
 log = logging.getLogger("recon.files.video")
@@ -182,7 +183,7 @@ def _look(path: Path, options: VideoOptions) -> Look:
         promised = promised if promised < 10**7 else 0
         _check_length(path, promised)
         step = max(1, promised // (options.count * options.looks))
-        with tqdm(total=promised or None, desc="looking for sharp frames", unit="frame", disable=None) as bar:
+        with tqdm(total=promised or None, desc="looking for sharp frames", unit="frame", disable=hidden()) as bar:
             while capture.grab():
                 if at % step == 0:
                     ok, image = capture.retrieve()
@@ -245,7 +246,7 @@ def _write(path: Path, chosen: np.ndarray, folder: Path, options: VideoOptions) 
     """Decode again and write the chosen frames; names sort in the video's order."""
     wanted, at = set(chosen.tolist()), 0
     written: list[Path] = []
-    with _opened(path) as capture, tqdm(total=len(wanted), desc="writing frames", disable=None) as bar:
+    with _opened(path) as capture, tqdm(total=len(wanted), desc="writing frames", disable=hidden()) as bar:
         while len(written) < len(wanted) and capture.grab():
             if at in wanted:
                 ok, image = capture.retrieve()

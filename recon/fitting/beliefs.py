@@ -34,10 +34,11 @@ KINDS = ("mesh", "cloud", "image", "masks")  # of input: surfaces dense or spars
 DENIED, DOUBTED = 0.2, 0.3  # confidence below which an object is said to be none of the class; and may be none
 LOWEST, HIGHEST = 0.02, 0.99  # chances that are stated
 LEAST_SHARE = 1e-4
+UNLIKE = 1.5  # log-odds of outlines of another kind that are worth a word
 
 # What the curves are of; every one is worse the larger it is, but for "share", "usual" and "sure".
 OF_CHOICES = ("share", "misfit", "missing", "own", "usual")
-OF_ANSWERS = ("misfit", "missing", "idle", "part", "plain", "unusual", "edge", "sure")
+OF_ANSWERS = ("misfit", "missing", "idle", "part", "plain", "unusual", "edge", "unlike", "sure")
 HELPS = ("share", "usual", "sure")
 
 
@@ -181,6 +182,8 @@ def _why(evidence: Evidence) -> str:
         said.append(f"{evidence.missing:.0%} of what is seen has nothing of the result near it")
     if evidence.idle > 0.05:
         said.append(f"{evidence.idle:.0%} of the result lies where nothing is seen")
+    if evidence.unlike > UNLIKE:
+        said.append("its outlines look like those of another kind of thing")
     if not said and evidence.plain > 0.8:
         said.append("any plain body explains what is seen as well")
     if not said and evidence.unusual > 1.5:

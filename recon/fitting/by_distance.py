@@ -19,6 +19,7 @@ from recon.fitting.placement import Standing
 from recon.fitting.problem import Problem
 from recon.fitting.search import Schedule, solve
 from recon.fitting.shape_fit import ShapeFitOptions
+from recon.fitting.shape_starts import StartOptions
 from recon.fitting.state import State
 from recon.geometry.object_windows import Crops, object_crops
 from recon.scene import Cameras, Canonical, Scene
@@ -37,7 +38,7 @@ class DistanceOptions:
     many: int = 12  # views, of which one may be wrong
     carved: int = 224  # pixels along each side of the windows that carve the hull
     search: Schedule = field(default_factory=lambda: Schedule(kept=2, sweeps=4, tries=2, steps=(8, 2, 8)))
-    hull: ShapeFitOptions = field(default_factory=lambda: ShapeFitOptions(random=64, keep=3))
+    hull: ShapeFitOptions = field(default_factory=lambda: ShapeFitOptions(StartOptions(random=64), keep=3))
 
 
 def widest_gap(cameras: Cameras, canonical: Canonical) -> float:

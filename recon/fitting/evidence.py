@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from procmodels.shape import Part, Shape
 from procmodels.space import Params, ParamSpace
+from recon.fitting import likeness
 from recon.fitting.usual import Usual
 from recon.geometry.object_windows import Crops
 from recon.geometry.raster import iou, silhouettes
@@ -46,6 +47,7 @@ class Evidence:
              explains as well speaks for no class; at most PLAINEST
     unusual  mean squared deviation of what its parameters are from what is usual, in spreads
     edge     share of its scalars at an end of their ranges
+    unlike   log-odds that the input's outlines show another kind of thing (recon.fitting.likeness)
     """
 
     misfit: float
@@ -56,6 +58,7 @@ class Evidence:
     unusual: float
     edge: float
     parts: dict[str, float] = field(default_factory=dict)
+    unlike: float = 0.0
 
     def numbers(self) -> dict[str, float]:
         """Without the parts."""
@@ -90,6 +93,7 @@ def of_outlines(space: ParamSpace, params: Params, shape: Shape, crops: Crops, c
         parts=parts,
         space=space,
         params=params,
+        unlike=likeness.of_masks(space.name, seen),
     )
 
 
@@ -120,15 +124,23 @@ def of_surfaces(space: ParamSpace, params: Params, shape: Shape, points: np.ndar
         parts=parts,
         space=space,
         params=params,
+        unlike=likeness.of_surface(space.name, points),
     )
 
 
 def _evidence(
-    misfit: float, plain: float, missing: float, idle: float, parts: dict[str, float], space: ParamSpace, params: Params
+    misfit: float,
+    plain: float,
+    missing: float,
+    idle: float,
+    parts: dict[str, float],
+    space: ParamSpace,
+    params: Params,
+    unlike: float,
 ) -> Evidence:
     odd, edge = looks(space, params)
     beside = min((misfit + FINEST) / (plain + FINEST), PLAINEST)
-    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), beside, odd, edge, parts)
+    return Evidence(misfit, missing, idle, max(parts.values(), default=0.0), beside, odd, edge, parts, unlike)
 
 
 def looks(space: ParamSpace, params: Params) -> tuple[float, float]:

@@ -7,41 +7,33 @@ only near, so that scale, translation and a small turn are fitted too, held to t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from nnproc.infer import WeightsError, likely_params, load_network
 from procmodels import Model
 from procmodels.space import Params
-from recon.fitting import beliefs, evidence, moves, uncertainty
+from recon.fitting import beliefs, evidence, moves, shape_starts, uncertainty
 from recon.fitting.evidence import Evidence
 from recon.fitting.placement import Upright
 from recon.fitting.problem import Problem
 from recon.fitting.search import Neighbour, Schedule, Search, solve, turned_round
+from recon.fitting.shape_starts import GAPPY, StartOptions, problem_of
 from recon.fitting.state import State
 from recon.fitting.surface_target import Surface
 from recon.fitting.uncertainty import Calibration, Certainty
-from recon.geometry.triangles import Triangles
 from recon.scene import Canonical
-from recon.shapes.shape_target import Hypothesis, Target, grids_of, hypotheses
+from recon.shapes.shape_target import Hypothesis, Target, hypotheses
 
 NEARLY = 0.15  # of the distance: so much farther may the likelier of two fronts be
-GAPS = 0.008  # of the longest side: clouds of a larger spacing have gaps that mean nothing
-GAPPY = 1.8  # spacings of a cloud within which it says nothing
 OTHERS = 2  # other ways to stand that are polished before they are told
-REACH = 0.15  # canonical units: what of a cloud lies farther away is not of this class
 
 
 @dataclass(frozen=True)
 class ShapeFitOptions:
     """How wide and how long the search is; a build with its distances takes about 4 ms."""
 
-    likely: int = 8  # combinations of choices of the network's answer for each way to stand
-    random: int = 96  # random shapes beside the network's answers
-    ways: int = 4  # ways to stand that all random shapes are compared with, the best by every `sparse`-th of them
-    sparse: int = 4
-    rough: int = 250  # points each way when starts are compared
+    starts: StartOptions = field(default_factory=StartOptions)
     fine: int = 1_200  # points each way when polishing
     keep: int = 4  # starts that are polished
     sweeps: int = 4  # rounds of changing one choice
@@ -115,7 +107,7 @@ class _Solved:
 def _solved(model: Model, target: Target, options: ShapeFitOptions) -> _Solved:
     ways = hypotheses(target)
     problem = problem_of(model, target, ways, options.fine)
-    starts, network = _starts(problem, target, ways, options)
+    starts, network = shape_starts.run(problem, target, ways, options.starts, options.seed)
     chosen: dict[tuple, State] = {}
     for s in starts:
         chosen.setdefault((s.front, *s.choices.values()), s)
@@ -194,58 +186,6 @@ def _evidence(problem: Problem, state: State, ways: list[Hypothesis], target: Ta
     points = ways[state.front].points @ shape_from_way[:3, :3].T + shape_from_way[:3, 3]
     spacing = 0.0 if target.complete else GAPPY * target.spacing
     return evidence.of_surfaces(problem.model.space, problem.params(state), problem.shape(state), points, spacing)
-
-
-def problem_of(model: Model, target: Target, ways: list[Hypothesis], count: int, thin: int = 1) -> Problem:
-    """Every thin-th of the target's points in the frame of its first way to stand, `count` of them each way."""
-    first_from_input = np.linalg.inv(ways[0].input_from_canonical)
-    mesh = None
-    if len(target.triangles):
-        mesh = Triangles(target.triangles @ first_from_input[:3, :3].T + first_from_input[:3, 3])
-    loose = not target.complete
-    surface = Surface(
-        ways[0].points[::thin],
-        (count,),
-        mesh if thin == 1 else None,
-        dead=GAPPY * target.spacing if loose and target.spacing > GAPS else 0.0,
-        reach=REACH if loose else np.inf,
-    )
-    return Problem(model, surface, Upright([first_from_input @ w.input_from_canonical for w in ways], loose))
-
-
-def _starts(
-    problem: Problem, target: Target, ways: list[Hypothesis], options: ShapeFitOptions
-) -> tuple[list[State], bool]:
-    """Every start, best first by rough score, and whether the network could be asked."""
-    model, rng, nowhere = problem.model, np.random.default_rng(options.seed), np.zeros(5)
-    rough = problem_of(model, target, ways, options.rough, max(1, len(target.points) // 2000))
-    mine: list[State] = []
-    try:
-        network = load_network(model.space, model.weights)
-        answers = likely_params(network, grids_of(target, ways), options.likely)
-        mine = [rough.state(a, nowhere, i) for i, some in enumerate(answers) for a in some]
-    except WeightsError:
-        pass
-    count = options.random if mine else 3 * options.random
-    drawn = [model.space.sample(rng) for _ in range(count)]
-    scored: dict[tuple[int, int], float] = {}
-
-    def score(way: int, numbers: range) -> None:
-        for j in numbers:
-            if (way, j) not in scored:
-                scored[way, j] = rough.loss(rough.state(drawn[j], nowhere, way))
-
-    for i in range(len(ways)):
-        score(i, range(0, count, options.sparse))
-    best = {i: min(loss for (way, _), loss in scored.items() if way == i) for i in range(len(ways))}
-    for i in sorted(best, key=best.__getitem__)[: options.ways]:
-        score(i, range(count))
-    others = [(loss, i, rough.state(drawn[j], nowhere, i)) for (i, j), loss in scored.items()]
-    entries = [(rough.loss(s), s.front, s) for s in mine] + others
-    entries.sort(key=lambda e: e[:2])
-    # The network's own answers are always among those that go on, however they look before polishing.
-    told = sorted(mine, key=rough.loss)[: options.keep]
-    return [e[2] for e in entries[:1]] + told + [e[2] for e in entries[1:200]], bool(mine)
 
 
 def _final(problem: Problem, state: State, ways: list[Hypothesis]) -> float:

@@ -16,6 +16,7 @@ from datasets.hulls import skin
 from nnproc.infer import WeightsError, likely_params, load_network
 from nnproc.latent_fit import FitOptions as LatentOptions
 from nnproc.latent_fit import fit, hull_starts, silhouette_objective
+from nnproc.ray_operator import RayOperator, ray_operator
 from procmodels import Model
 from procmodels.space import Params
 from recon.fitting.mask_target import Level, Masks
@@ -23,9 +24,10 @@ from recon.fitting.placement import Similarity
 from recon.fitting.problem import Problem
 from recon.fitting.state import State
 from recon.geometry.align import quarter_turn
-from recon.geometry.object_windows import object_crops
-from recon.geometry.visual_hull import Hull, crop_operator
-from recon.scene import Canonical, InputError, Scene
+from recon.geometry.object_windows import Crops, object_crops
+from recon.geometry.visual_hull import Hull
+from recon.scene import Canonical, InputError, Scene, cam_from_canonical
+from recon.system.progress import hidden
 
 TURNS = (0, 1, 2, 3)
 
@@ -76,15 +78,23 @@ def run(model: Model, scene: Scene, hull: Hull, options: FitOptions = FitOptions
         for params in answers
     ]
     if options.latent is not None and network.has_decoder:
-        operator = crop_operator(crops, scene.canonical)
+        operator = _rays(crops, scene.canonical)
         objective = silhouette_objective(operator, operator.gather(torch.from_numpy(crops.masks)))
         begun = hull_starts(network, hull.grid, TURNS)
-        told += [(f.params, f.turn) for f in fit(network, objective, options.latent, TURNS, begun, progress=True)]
+        bar = not hidden()
+        told += [(f.params, f.turn) for f in fit(network, objective, options.latent, TURNS, begun, progress=bar)]
     rng = np.random.default_rng(options.seed)
     drawn = [model.space.sample(rng) for _ in range(options.random)]
     problem = Problem(model, Masks.of(crops, [options.look]), Similarity(crops.cameras))
     entries = [*told, *((params, turn) for params in drawn for turn in TURNS)]
     return FitResult(_best(problem, scene.canonical, entries, options.kept))
+
+
+def _rays(crops: Crops, canonical: Canonical) -> RayOperator:
+    """The windows' pixels that lie in the photos, as rays through the decoder's grid."""
+    size, poses = crops.masks.shape[1], cam_from_canonical(crops.cameras, canonical)
+    K, shown = torch.from_numpy(crops.cameras.K), torch.from_numpy(crops.valid)
+    return ray_operator(K, torch.from_numpy(poses), size, size, pixels=shown)
 
 
 def state(problem: Problem, canonical: Canonical, params: Params, turn: int) -> State:

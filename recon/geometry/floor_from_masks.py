@@ -60,8 +60,7 @@ def _carved(cameras: Cameras, values: list[np.ndarray], share: float) -> tuple[v
     """Fine cells and which of them this share of the masks contain; None when there are none."""
     cells = block(cameras, COARSE, values)
     for longest in (FINE, 0):
-        seen = voxel_carving.seen_by_most(cells, cameras)
-        solid = (voxel_carving.add_up(cells, cameras, values) >= share * len(cameras)) & seen
+        solid = voxel_carving.held(cells, cameras, values, share * len(cameras))
         solid = voxel_carving.main_part(solid, np.array(cells.shape) / 2)
         if not solid.any():
             return None

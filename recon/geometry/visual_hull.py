@@ -1,13 +1,12 @@
-"""The visual hull of the silhouettes at 64^3 in the canonical box, carved with the renderer's own rays."""
+"""The visual hull of the silhouettes at 64^3 in the canonical box, carved at the voxels' centres."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
-from nnproc.ray_operator import RayOperator, ray_operator, visual_hull
+from datasets.voxels import RESOLUTION, voxel_centres
 from recon.geometry.object_windows import Crops, object_crops
 from recon.scene import Canonical, ReconstructionError, Scene, cam_from_canonical
 
@@ -31,21 +30,26 @@ class Hull:
 def run(scene: Scene, options: HullOptions = HullOptions()) -> Hull:
     """Carve the canonical box. Raises ReconstructionError when nothing is left."""
     crops = object_crops(scene, options.size)
-    operator = crop_operator(crops, scene.canonical)
-    min_views = min(options.min_views, len(crops.cameras))
-    grid = visual_hull(operator, torch.from_numpy(crops.masks), options.agreement, min_views).numpy()
+    grid = carved(crops, scene.canonical, options)
     if not grid.any():
         raise ReconstructionError("the silhouettes have no common inside; check them in the report or give --masks")
     return Hull(grid)
 
 
-def crop_operator(crops: Crops, canonical: Canonical) -> RayOperator:
-    """The sparse ray operator of the windows' pixels that lie in the photos."""
-    size = crops.masks.shape[1]
-    return ray_operator(
-        torch.from_numpy(crops.cameras.K),
-        torch.from_numpy(cam_from_canonical(crops.cameras, canonical)),
-        size,
-        size,
-        pixels=torch.from_numpy(crops.valid),
-    )
+def carved(crops: Crops, canonical: Canonical, options: HullOptions) -> np.ndarray:
+    """(64, 64, 64) bool: voxels that enough of the windows which show their centres find inside."""
+    centres = voxel_centres().reshape(-1, 3).T
+    inside, seen = np.zeros(centres.shape[1], np.int32), np.zeros(centres.shape[1], np.int32)
+    P = crops.cameras.K @ cam_from_canonical(crops.cameras, canonical)[:, :3]
+    for matrix, mask, valid in zip(P, crops.masks >= 0.5, crops.valid, strict=True):
+        x, y, depth = matrix[:, :3] @ centres + matrix[:, 3:]
+        side = len(mask)
+        depth = np.where(depth > 1e-6, depth, np.nan)
+        with np.errstate(invalid="ignore"):
+            shown = np.flatnonzero((x >= 0) & (y >= 0) & (x < side * depth) & (y < side * depth))
+        pixel = (y[shown] / depth[shown]).astype(int) * side + (x[shown] / depth[shown]).astype(int)
+        shown, pixel = shown[valid.ravel()[pixel]], pixel[valid.ravel()[pixel]]
+        seen[shown] += 1
+        inside[shown] += mask.ravel()[pixel]
+    enough = (inside >= options.agreement * seen - 1e-6) & (seen >= min(options.min_views, len(P)))
+    return enough.reshape((RESOLUTION,) * 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -9,6 +10,8 @@ import numpy as np
 import scipy.ndimage
 
 from recon.scene import Cameras
+
+MOST = 0.6  # of the pictures: what fewer show, nobody can judge
 
 
 @dataclass(frozen=True)
@@ -83,21 +86,24 @@ def _pixels(cells: Cells, cameras: Cameras, view: int, rows: slice) -> np.ndarra
     return np.where(inside, y * width + x, width * height)
 
 
-def add_up(cells: Cells, cameras: Cameras, values: list[np.ndarray]) -> np.ndarray:
-    """(*shape) float32: for every cell the sum over all views of the view's values (h, w) at the cell's pixel."""
-    out = np.zeros(cells.shape, np.float32)
+def add_up(cells: Cells, cameras: Cameras, values: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """For every cell the sum over all views of the view's values (h, w) at the cell's pixel, (*shape) float32, and how
+    many views have it in their pictures, (*shape) int16."""
+    out, seen = np.zeros(cells.shape, np.float32), np.zeros(cells.shape, np.int16)
     for view, value in enumerate(values):
         flat = np.append(value.ravel(), 0).astype(np.float32)
         for start in range(0, cells.shape[0], 16):
             rows = slice(start, start + 16)
-            out[rows] += flat.take(_pixels(cells, cameras, view, rows))
-    return out
+            pixels = _pixels(cells, cameras, view, rows)
+            out[rows] += flat.take(pixels)
+            seen[rows] += pixels < value.size
+    return out, seen
 
 
-def seen_by_most(cells: Cells, cameras: Cameras, share: float = 0.6) -> np.ndarray:
-    """(*shape) bool: the cells that are in at least this share of the pictures."""
-    ones = [np.ones((int(h), int(w)), np.float32) for w, h in cameras.sizes]
-    return add_up(cells, cameras, ones) >= share * len(cameras)
+def held(cells: Cells, cameras: Cameras, values: list[np.ndarray], least: float, share: float = MOST) -> np.ndarray:
+    """(*shape) bool: the cells whose values sum to `least` or more, and which `share` of the pictures have in them."""
+    total, seen = add_up(cells, cameras, values)
+    return (total >= least) & (seen >= share * len(cameras))
 
 
 def main_part(solid: np.ndarray, middle: np.ndarray) -> np.ndarray:
@@ -124,10 +130,20 @@ def shell(solid: np.ndarray) -> np.ndarray:
 
 def picture(cells: Cells, solid: np.ndarray, cameras: Cameras, view: int) -> np.ndarray:
     """(H, W) bool: the silhouette of the solid cells in one view; a cell covers a disc of its own size."""
+    return _picture(cells, np.nonzero(shell(solid)), cameras, view)
+
+
+def pictures(cells: Cells, solid: np.ndarray, cameras: Cameras) -> Callable[[int], np.ndarray]:
+    """`picture` by view, for those who want many."""
+    where = np.nonzero(shell(solid))
+    return lambda view: _picture(cells, where, cameras, view)
+
+
+def _picture(cells: Cells, where: tuple[np.ndarray, ...], cameras: Cameras, view: int) -> np.ndarray:
     width, height = (int(s) for s in cameras.sizes[view])
     out = np.zeros((height, width), np.uint8)
     a, b, c = cells.steps(cameras.K[view] @ cameras.cam_from_world[view, :3])
-    i, j, k = np.nonzero(shell(solid))
+    i, j, k = where
     local = a[i] + b[j] + c[k]
     local = local[local[:, 2] > 1e-6]
     xy = (local[:, :2] / local[:, 2:]).astype(np.int32)

@@ -75,8 +75,8 @@ class Votes:
         """Mean share of what the others' hull shows of their masks that is left when this view carves it, too."""
         rest = self.less(v)
         solid = rest.hull(share)
-        known = voxel_carving.add_up(self.cells, self.cameras.subset([v]), [np.ones(self.masks[v].shape, np.float32)])
-        carved = solid & (self.inside[v] | (known < 0.5))  # what it does not see it does not carve
+        _, seen = voxel_carving.add_up(self.cells, self.cameras.subset([v]), [self.masks[v]])
+        carved = solid & (self.inside[v] | (seen == 0))  # what it does not see it does not carve
         places = np.linspace(0, len(rest.views) - 1, WITNESSES).round().astype(int)
         pairs = [(self.covered(carved, w), self.covered(solid, w)) for w in {rest.views[i] for i in places}]
         return float(np.mean([a / b for a, b in pairs if b > 0] or [1.0]))
@@ -95,14 +95,14 @@ def votes(
     )
     # A cell's middle can fall beside a member that is thinner than a cell: a pixel of slack.
     wide = [cv2.dilate(m.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32) for m in loose]
-    rough = voxel_carving.add_up(cells, cameras, wide) >= 0.75 * share * len(cameras)
-    rough &= voxel_carving.seen_by_most(cells, cameras)
+    rough = voxel_carving.held(cells, cameras, wide, 0.75 * share * len(cameras))
     if not rough.any():
         return None
     cells = voxel_carving.around(cells, rough, fine)
-    inside = [voxel_carving.add_up(cells, cameras.subset([v]), [m]) > 0.5 for v, m in enumerate(wide)]
+    each = [voxel_carving.add_up(cells, cameras.subset([v]), [m]) for v, m in enumerate(wide)]
+    inside = [total > 0.5 for total, _ in each]
     total = np.sum(inside, axis=0, dtype=np.int16)
-    seen = voxel_carving.seen_by_most(cells, cameras)
+    seen = np.sum([seen for _, seen in each], axis=0) >= voxel_carving.MOST * len(cameras)
     return Votes(cells, cameras, small, inside, total, seen, tuple(range(len(wide))))
 
 

@@ -92,11 +92,17 @@ def decide(image: np.ndarray, odds: np.ndarray, options: OddsOptions, seed: int)
     labels = np.where(odds > 0, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[odds > options.undecided] = cv2.GC_FGD
     labels[odds < -options.undecided] = cv2.GC_BGD
-    if min((labels == cv2.GC_FGD).sum(), (labels == cv2.GC_BGD).sum()) < 100:
+    # Colours are learnt from every second row and column, and only the box of what is open is cut: half the time.
+    some = np.ascontiguousarray(labels[::2, ::2])
+    around = crop(np.abs(odds) <= options.undecided, 2)
+    if min((some == cv2.GC_FGD).sum(), (some == cv2.GC_BGD).sum()) < 25:
         return odds > 0
     cv2.setRNGSeed(seed)  # GrabCut's k-means; the generator is the thread's own
-    background, foreground = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(np.ascontiguousarray(image), labels, None, background, foreground, 1, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
+    model = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(np.ascontiguousarray(image[::2, ::2]), some, None, *model, 1, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
+    part = np.ascontiguousarray(labels[around])
+    cv2.grabCut(np.ascontiguousarray(image[around]), part, None, *model, 1, cv2.GC_EVAL_FREEZE_MODEL)  # type: ignore[call-overload]
+    labels[around] = part
     return (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
 
 

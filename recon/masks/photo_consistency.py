@@ -31,7 +31,7 @@ class Agreement:
 
 
 def places_behind(room: Room, cameras: Cameras, view: int, step: int = 1, window: Window | None = None) -> np.ndarray:
-    """(3, h, w) float32 world points where the rays of every step-th pixel (of a window) meet the room's next plane."""
+    """(h, w, 3) float32 world points where the rays of every step-th pixel (of a window) meet the room's next plane."""
     rows, columns = window or (slice(0, int(cameras.sizes[view, 1])), slice(0, int(cameras.sizes[view, 0])))
     u, v = np.meshgrid(np.arange(columns.start, columns.stop, step) + 0.5, np.arange(rows.start, rows.stop, step) + 0.5)
     rotation = cameras.cam_from_world[view, :3, :3]
@@ -43,27 +43,31 @@ def places_behind(room: Room, cameras: Cameras, view: int, step: int = 1, window
         hits = speed < -1e-9  # planes face the cameras
         distance = -(plane[:3] @ centre + plane[3]) / np.where(hits, speed, -1.0)
         reach = np.where(hits & (distance > 0), np.minimum(reach, distance), reach)
-    return np.moveaxis(centre + rays * reach[..., None], 2, 0).astype(np.float32, order="C")
+    return (centre + rays * reach[..., None]).astype(np.float32)
 
 
-def project(points: np.ndarray, cameras: Cameras, view: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns and rows (h, w) float32 where world points (3, h, w) float32 appear, and (h, w) bool whether in view.
+def project(points: np.ndarray, cameras: Cameras, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Columns and rows (h, w) float32 where world points (h, w, 3) float32 appear; far outside for those behind.
 
     cv2 counts pixel centres from 0, the project from 0.5.
     """
-    shape = points.shape[1:]
-    P = (cameras.K[view] @ cameras.cam_from_world[view, :3]).astype(np.float32)
-    x, y, depth = P[:, :3] @ points.reshape(3, -1) + P[:, 3:]
-    inverse = 1 / np.maximum(depth, 1e-6)
-    x, y = (x * inverse - 0.5).reshape(shape), (y * inverse - 0.5).reshape(shape)
-    width, height = cameras.sizes[view]
-    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1) & (depth > 1e-6).reshape(shape)
-    return x, y, inside
+    P = cameras.K[view] @ cameras.cam_from_world[view, :3]
+    P[:2] -= 0.5 * P[2]
+    x, y, depth = cv2.split(cv2.transform(points, P.astype(np.float32)))
+    inverse = cv2.divide(1.0, cv2.max(depth, 1e-6))  # type: ignore[call-overload]
+    return cv2.multiply(x, inverse), cv2.multiply(y, inverse)
 
 
 def look_up(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The image's values at columns x and rows y (h, w) float32, bilinear, centres counted from 0."""
-    return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    """The values of an image (h, w, 4) at columns x and rows y, bilinear, centres counted from 0; outside it the last
+    channel is not zero."""
+    return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 255))
+
+
+def speaking(image: np.ndarray, hidden: np.ndarray | None = None) -> np.ndarray:
+    """(h, w, 4) uint8: an image (h, w, 3) and where it sees the object (h, w); nowhere when nothing is known yet."""
+    silent = np.zeros(image.shape[:2], np.uint8) if hidden is None else np.where(hidden, 255, 0).astype(np.uint8)
+    return np.dstack([image, silent])
 
 
 def neighbours(cameras: Cameras, most: int) -> list[np.ndarray]:
@@ -81,31 +85,28 @@ def agree(
     view: int,
     others: np.ndarray,
     tolerance: int,
-    hidden: list[np.ndarray] | None = None,
     window: Window = (slice(None), slice(None)),
 ) -> Agreement:
     """Compare one view (or a window of it) with others, through the room.
 
-    images     V of (h, w, 3) uint8, equalised
+    images     V of (h, w, 4) uint8, equalised; the last channel is not zero where a view sees the object and so cannot
+               speak about the room (`speaking`)
     tolerance  0..255, of a colour channel; one pixel of shift is forgiven too
-    hidden     V of (h, w) uint8, non-zero where a view sees the object and so cannot speak about the room
     """
     height, width = images[view].shape[:2]
     window = (slice(*window[0].indices(height)[:2]), slice(*window[1].indices(width)[:2]))
     places = places_behind(room, cameras, view, window=window)
-    own, square = images[view][window], np.ones((3, 3), np.uint8)
+    own, square = images[view][window][..., :3], np.ones((3, 3), np.uint8)
     slack = np.full(own.shape, tolerance, np.uint8)
-    low = cv2.subtract(cv2.erode(own, square), slack)
-    high = cv2.add(cv2.dilate(own, square), slack)
-    same = np.zeros(places.shape[1:], np.float32)
-    count = np.zeros(places.shape[1:], np.float32)
+    silent = np.zeros(own.shape[:2], np.uint8)
+    low = np.dstack([cv2.subtract(cv2.erode(own, square), slack), silent])
+    high = np.dstack([cv2.add(cv2.dilate(own, square), slack), silent])
+    same, count = np.zeros(own.shape[:2], np.float32), np.zeros(own.shape[:2], np.float32)
     for j in (int(o) for o in others):
-        x, y, inside = project(places, cameras, j)
-        if hidden is not None:
-            inside &= look_up(hidden[j], x, y) == 0
-        count += inside
-        same += (cv2.inRange(look_up(images[j], x, y), low, high) > 0) & inside
-    return Agreement(same / np.maximum(count, 1), count)
+        there = look_up(images[j], *project(places, cameras, j))
+        cv2.accumulate(cv2.inRange(there, low, high), same)
+        count += there[..., 3] == 0
+    return Agreement(same / np.maximum(255 * count, 1), count)
 
 
 def gains(images: list[np.ndarray], cameras: Cameras, room: Room, near: list[np.ndarray]) -> np.ndarray:
@@ -114,14 +115,15 @@ def gains(images: list[np.ndarray], cameras: Cameras, room: Room, near: list[np.
     Every pair of views gives the median ratio of colours at the same places of the room; least squares gives the gains.
     """
     rows, values = [], []
+    loud = [speaking(image) for image in images]
     for i in range(len(images)):
         places = places_behind(room, cameras, i, step=8)
         own = images[i][::8, ::8].astype(np.float32)
         for j in near[i]:
-            x, y, inside = project(places, cameras, int(j))
+            there = look_up(loud[int(j)], *project(places, cameras, int(j)))
+            inside = there[..., 3] == 0
             if inside.sum() >= 50:
-                other = look_up(images[int(j)], x, y).astype(np.float32)
-                ratio = np.log((own[inside] + 4) / (other[inside] + 4))
+                ratio = np.log((own[inside] + 4) / (there[inside][:, :3].astype(np.float32) + 4))
                 row = np.zeros(len(images))
                 row[i], row[j] = 1, -1
                 rows.append(row)

@@ -25,6 +25,7 @@ from recon.geometry.voxel_carving import Cells
 from recon.masks import foreground_odds as odds
 from recon.masks import photo_consistency
 from recon.scene import Cameras, ReconstructionError
+from recon.system import progress
 
 Each = Callable[[str, Callable[[int], Any]], list[Any]]  # (what is done, for one view) -> results of all views
 
@@ -65,26 +66,31 @@ def cut_out(
 
         def each(name: str, work: Callable[[int], Any]) -> list[Any]:
             todo = pool.map(work, range(len(cameras)))
-            return list(tqdm(todo, f"masks: {name}", len(cameras), unit="photo", leave=False, disable=None))
+            return list(
+                tqdm(todo, f"masks: {name}", len(cameras), unit="photo", leave=False, disable=progress.hidden())
+            )
 
         cells, solid, colours = _first_hull(small, small_cameras, room, near, given, options, each)
-        hulls = each("first hull", lambda v: voxel_carving.picture(cells, solid, cameras, v))
+        hulls = each("first hull", voxel_carving.pictures(cells, solid, cameras))
         hidden = [cv2.dilate(given.get(v, h).astype(np.uint8), _disc(2)) for v, h in enumerate(hulls)]
-        block = np.ones(cells.shape, bool)
-        windows = [odds.crop(voxel_carving.picture(cells, block, cameras, v), 0) for v in range(len(cameras))]
+        block = voxel_carving.pictures(cells, np.ones(cells.shape, bool), cameras)
+        windows = [odds.crop(block(v), 0) for v in range(len(cameras))]
+
+        loud = [photo_consistency.speaking(image, h) for image, h in zip(even, hidden, strict=True)]
 
         def pixels(v: int) -> tuple[np.ndarray, np.ndarray]:
-            found = photo_consistency.agree(even, cameras, room, v, near[v], options.tolerance, hidden, windows[v])
+            found = photo_consistency.agree(loud, cameras, room, v, near[v], options.tolerance, windows[v])
             return _pixel_odds(even[v][windows[v]], found, hulls[v][windows[v]], colours, options.odds)
 
         both = each("votes", pixels)
         for_cells = [_pasted(b[1], hulls[v].shape, windows[v]) for v, b in enumerate(both)]
         second = _solid(cells, cameras, _with_given(for_cells, given), np.array(cells.shape) / 2, options.solid)
+        final = voxel_carving.pictures(cells, second, cameras)
 
         def mask(v: int) -> np.ndarray:
             if v in given:
                 return given[v]
-            hull = voxel_carving.picture(cells, second, cameras, v)
+            hull = final(v)
             picture = images[v][windows[v]]
             total = odds.smooth(picture, both[v][0], hull[windows[v]], options.odds)
             found = odds.decide(picture, total, options.odds, seed)
@@ -103,9 +109,10 @@ def _first_hull(
     each: Each,
 ) -> tuple[Cells, np.ndarray, odds.Colours]:
     """The cells round the object, which of them are solid, and the object's colours, from small pictures."""
+    loud = [photo_consistency.speaking(image) for image in images]
     found = each(
         "floor",
-        lambda v: photo_consistency.agree(images, cameras, room, v, near[v][: options.near], options.tolerance),
+        lambda v: photo_consistency.agree(loud, cameras, room, v, near[v][: options.near], options.tolerance),
     )
     small = {v: _resized(m.astype(np.float32), cameras.sizes[v]) > 0.5 for v, m in given.items()}
 
@@ -116,7 +123,8 @@ def _first_hull(
         return _with_given(cast, small)
 
     def colours_in(cells: Cells, solid: np.ndarray) -> odds.Colours:
-        inside = [voxel_carving.picture(cells, solid, cameras, v).astype(np.uint8) for v in range(len(cameras))]
+        draw = voxel_carving.pictures(cells, solid, cameras)
+        inside = [draw(v).astype(np.uint8) for v in range(len(cameras))]
         return odds.Colours(images, [cv2.erode(m, _disc(1)) > 0 for m in inside])
 
     whole = voxel_carving.region(room.axes, room.focus, room.distance, cameras, options.coarse)
@@ -137,7 +145,8 @@ def _with_given(votes: list[np.ndarray], given: dict[int, np.ndarray]) -> list[n
 
 def _solid(cells: Cells, cameras: Cameras, votes: list[np.ndarray], middle: np.ndarray, least: float) -> np.ndarray:
     """(*shape) bool: the main connected part of the cells that most cameras see and whose votes sum to over `least`."""
-    solid = (voxel_carving.add_up(cells, cameras, votes) > least) & voxel_carving.seen_by_most(cells, cameras)
+    total, seen = voxel_carving.add_up(cells, cameras, votes)
+    solid = (total > least) & (seen >= voxel_carving.MOST * len(cameras))
     if not solid.any():
         raise ReconstructionError(
             "no object found: every place over the floor looks like floor or wall in some photo. Give masks "

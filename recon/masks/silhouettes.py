@@ -230,13 +230,12 @@ def _explained(cameras: Cameras, masks: list[np.ndarray], room: Room | None, opt
     values = [m.astype(np.float32) for m in masks]
     cells = _block(cameras, masks, room, 64)
     for longest in (options.judge_cells, 0):
-        solid = voxel_carving.seen_by_most(cells, cameras)
-        solid &= voxel_carving.add_up(cells, cameras, values) >= options.judge_share * len(cameras)
+        solid = voxel_carving.held(cells, cameras, values, options.judge_share * len(cameras))
         if not solid.any():
             return 0.0
         if longest:
             cells = voxel_carving.around(cells, solid, longest)
-    shown = [voxel_carving.picture(cells, solid, cameras, v) for v in range(len(cameras))]
+    shown = map(voxel_carving.pictures(cells, solid, cameras), range(len(cameras)))
     return float(np.median([(p & m).sum() / max(1, m.sum()) for p, m in zip(shown, masks, strict=True)]))
 
 

@@ -1,4 +1,4 @@
-"""The object in one image: from a mask file, the alpha channel, GrabCut in a box, or the image itself is a mask."""
+"""The object in one image: a mask file, the alpha channel, GrabCut in a box, the image itself, or a plain backdrop."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from recon.files import frames
 from recon.files.frames import FramesOptions
 from recon.files.mask_images import BadMask, read_mask, read_unknown
 from recon.geometry.mask_checks import EDGED, FULL, RIVAL, areas, outline_support, surely_inverted
+from recon.masks import plain_backdrop
 from recon.scene import Frames, InputError
 
 LEAST_AREA = 150  # px that an object must cover
@@ -21,8 +22,8 @@ RUNS = 0.25  # of a side of the box that an object touches, at least, when the b
 REACHED = 0.55  # of a side of the box that an object in it reaches, at least
 GRABCUT_SIDE = 640  # px, longest side of the picture that GrabCut works on
 WHAT_TO_GIVE = (
-    "give --mask FILE (white = object), --box x,y,w,h round the object in pixels, or a PNG whose background is "
-    "transparent; 20 to 60 photos from all round need neither"
+    "give --mask FILE (white = object), --box x,y,w,h round the object in pixels, a PNG whose background is "
+    "transparent, or a photo before a plain backdrop; 20 to 60 photos from all round need neither"
 )
 
 
@@ -71,6 +72,7 @@ def run(
 ) -> Masked:
     """Read the image into `workdir` and find the object: --mask wins over the alpha channel, and that over --box.
 
+    Without any of them the image may be a mask itself, or show the object before a plain backdrop.
     Raises InputError when the file is no image, nothing says where the object is, or what says so is unusable.
     """
     if not path.is_file():
@@ -86,6 +88,8 @@ def run(
         (mask, notes), source = _grabcut(shot, box, seed), "grabcut"
     elif _is_mask(shot.paths[0]):
         mask, source = _read(path, (width, height)), "user"
+    elif (found := _before_a_plain_backdrop(shot.paths[0])) is not None:
+        mask, source = found, "backdrop"
     else:
         raise InputError(f"nothing says where the object is in {path.name}: {WHAT_TO_GIVE}")
     file = {"user": mask_file or path, "alpha": shot.alpha[0]}.get(source)
@@ -107,6 +111,11 @@ def _read(file: Path, size: tuple[int, int]) -> np.ndarray:
         return read_mask(file, size)
     except BadMask as error:
         raise InputError(f"the mask cannot be used: {error}") from error
+
+
+def _before_a_plain_backdrop(path: Path) -> np.ndarray | None:
+    image = cv2.imread(str(path))
+    return None if image is None else plain_backdrop.find(image)
 
 
 def _is_mask(path: Path) -> bool:

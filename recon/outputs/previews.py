@@ -10,7 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from procmodels.export import COLOUR, with_normals
+from procmodels.asset import COLOUR
+from procmodels.look import Look, linear
+from procmodels.normals import with_uv
 from procmodels.shape import Shape
 
 EYE_DISTANCE = 3.2  # canonical units: far enough for calm perspective
@@ -35,13 +37,17 @@ class ShadeOptions:
 
 
 def render_previews(
-    shape: Shape, n: int = 3, size: tuple[int, int] = (480, 480), options: ShadeOptions = ShadeOptions()
+    shape: Shape,
+    n: int = 3,
+    size: tuple[int, int] = (480, 480),
+    options: ShadeOptions = ShadeOptions(),
+    look: Look | None = None,
 ) -> list[np.ndarray]:
     """n pictures (H, W, 3) uint8 RGB of the shape, seen from all round; the first shows its front from the right.
 
     size is (width, height) in pixels.
     """
-    tracer = _Tracer(shape)
+    tracer = _Tracer(shape, look)
     azimuths = [options.first_azimuth + 360 * i / n for i in range(n)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # numpy and open3d work outside the interpreter's lock
         return list(pool.map(lambda azimuth: _render(shape, tracer, np.radians(azimuth), size, options), azimuths))
@@ -67,27 +73,30 @@ def view(
 class _Tracer:
     """The shape's triangles in open3d's ray caster."""
 
-    def __init__(self, shape: Shape) -> None:
+    def __init__(self, shape: Shape, look: Look | None) -> None:
         import open3d as o3d  # slow to import, and only needed for pictures
 
         tensor: Any = o3d.core.Tensor  # its stubs do not know that it takes arrays
         self._tensor = tensor
-        pieces = [with_normals(part) for part in shape.parts]
-        offsets = np.cumsum([0] + [len(v) for v, _, _ in pieces])
-        vertices = np.concatenate([v for v, _, _ in pieces])
-        self.normals = np.concatenate([n for _, n, _ in pieces])
-        self.triangles = np.concatenate([t + o for (_, _, t), o in zip(pieces, offsets, strict=False)])
+        pieces = [with_uv(part, look.uv[i] if look and look.uv else None) for i, part in enumerate(shape.parts)]
+        offsets = np.cumsum([0] + [len(p.places) for p in pieces])
+        vertices = np.concatenate([p.places for p in pieces])
+        self.normals = np.concatenate([p.normals for p in pieces])
+        self.triangles = np.concatenate([p.triangles + o for p, o in zip(pieces, offsets, strict=False)])
+        self._paint = _Paint(look, np.concatenate([p.uv for p in pieces]), [len(p.triangles) for p in pieces])
         self.scene: Any = o3d.t.geometry.RaycastingScene()
         vertices, triangles = vertices.astype(np.float32), self.triangles.astype(np.uint32)
         self.scene.add_triangles(self._tensor(vertices), self._tensor(triangles))
 
-    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (m,), inf where nothing is hit, and normal (m, 3) of the first hit of m rays."""
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distance (m,), inf where nothing is hit, normal (m, 3) and colour (m, 3) of the first hit of m rays."""
         hit = self.scene.cast_rays(self._rays(origins, directions))
         distance, uv = hit["t_hit"].numpy(), hit["primitive_uvs"].numpy()
-        corners = self.triangles[np.where(np.isfinite(distance), hit["primitive_ids"].numpy(), 0).astype(int)]
+        triangle = np.where(np.isfinite(distance), hit["primitive_ids"].numpy(), 0).astype(int)
+        corners = self.triangles[triangle]
         weights = np.stack([1 - uv.sum(1), uv[:, 0], uv[:, 1]], 1)
-        return distance, _unit(np.einsum("mi,mij->mj", weights, self.normals[corners]))
+        normals = _unit(np.einsum("mi,mij->mj", weights, self.normals[corners]))
+        return distance, normals, self._paint.at(triangle, corners, weights)
 
     def free(self, origins: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(m,) bool, whether m parallel rays leave without a hit."""
@@ -97,6 +106,26 @@ class _Tracer:
         rays = np.empty((max(origins.size, directions.size) // 3, 6), np.float32)
         rays[:, :3], rays[:, 3:] = origins, directions
         return self._tensor(rays)
+
+
+class _Paint:
+    """The surface's colours, linear."""
+
+    def __init__(self, look: Look | None, uv: np.ndarray, triangles: list[int]) -> None:
+        colours = np.tile(COLOUR, (len(triangles), 1)) if look is None else look.colours
+        self._colours, self._uv, self._picture = np.repeat(colours, triangles, axis=0), uv, None
+        if look is not None and look.picture is not None:
+            side = max(1, len(look.picture) // 2)  # as fine as the pictures that are drawn
+            self._picture = cv2.resize(look.picture, (side, side), interpolation=cv2.INTER_AREA)
+
+    def at(self, triangle: np.ndarray, corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(m, 3) on m triangles, whose corners (m, 3) have these weights (m, 3)."""
+        if self._picture is None:
+            return self._colours[triangle]
+        u, v = np.einsum("mi,mij->jm", weights, self._uv[corners])
+        side = len(self._picture)
+        column, row = (np.clip(side * x, 0, side - 1).astype(int) for x in (u, 1 - v))
+        return linear(self._picture[row, column] / 255)
 
 
 def _render(
@@ -116,7 +145,8 @@ def _render(
 
     shape_hw = (size[1], size[0])
     rows, columns = np.indices(shape_hw)
-    solid, light, floor, bare = np.zeros((4, *shape_hw))
+    solid, floor, bare = np.zeros((3, *shape_hw))
+    light = np.zeros((*shape_hw, 3))
     for i, lamp in enumerate(lamps):
         # The floor is blurred below, so that each of its pixels needs one of the samples only, in turn.
         turn = ((rows % s == i // s) & (columns % s == i % s)).ravel()
@@ -125,12 +155,12 @@ def _render(
         directions = _unit(np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ axes)
         layers = _shade(tracer, eye, directions, shape.bounds()[0, 2], lamp, turn)
         for total, layer in zip((solid, light, floor, bare), (*layers, turn * (1 - layers[0])), strict=True):
-            total += layer.reshape(shape_hw) / len(lamps)
+            total += layer.reshape(total.shape) / len(lamps)
     # The few lamps cast faint streaks; on the floor they are blurred away, without letting the object bleed into it.
     open_floor, blurred = (cv2.GaussianBlur(x, (0, 0), options.floor_blur * size[0]) for x in (bare, floor))
     floor = (1 - solid) * blurred / np.maximum(open_floor, 1e-6)
-    linear = light[..., None] * np.array(COLOUR) + floor[..., None] * np.array(options.background)
-    return np.rint(255 * np.clip(linear, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    shown = light + floor[..., None] * np.array(options.background)
+    return np.rint(255 * np.clip(shown, 0, 1) ** (1 / 2.2)).astype(np.uint8)
 
 
 def _lamps(sun: np.ndarray, samples: int, options: ShadeOptions) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -161,11 +191,11 @@ def _shade(
     lamp: tuple[np.ndarray, np.ndarray],
     turn: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What m rays from `eye` see, three arrays (m,): 1 on the object; the light there; the floor's light (else 0).
+    """What m rays from `eye` see: 1 on the object (m,); its colour in the light (m, 3); the floor's light (m,), else 0.
 
     The floor at z = level has light 1 in the open, and its shadows dissolve outwards; it is 0 where `turn` (m,) is not.
     """
-    distance, normals = tracer.cast(eye, directions)
+    distance, normals, colours = tracer.cast(eye, directions)
     solid = np.isfinite(distance)
     with np.errstate(divide="ignore", invalid="ignore"):
         to_floor = (level - eye[2]) / directions[:, 2]
@@ -186,7 +216,7 @@ def _shade(
     light, floor = np.zeros(len(solid)), np.where(solid | ~turn, 0.0, 1.0)
     light[lit] = np.where(on_object, seen + BOUNCE * (1 - normals[:, 2]) / 2, 0)
     floor[lit] -= np.where(on_object, 0, shadow)
-    return solid.astype(float), light, floor
+    return solid.astype(float), light[:, None] * colours, floor
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

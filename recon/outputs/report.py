@@ -24,6 +24,8 @@ FILES = {
     "mesh.usdz": "USD for phones (augmented reality) and other programs, Y up",
     "mesh.obj": "Wavefront OBJ with quads and n-gons, Y up, which readers assume (--obj-up z: Z up)",
     "mesh.stl": "for printers and CAD: closed, in millimetres where the size is known, Z up",
+    "mesh.mtl": "its materials: a colour a part, from the input",
+    "texture.jpg": "its texture, also inside model.blend and mesh.glb",
     "params.json": "parameter values with ranges, and the transforms between the frames",
     "contact_sheet.png": "every photo with both outlines, on one page",
     "cameras/": "COLMAP model (sparse/0), nerfstudio's transforms.json, undistorted images, the mesh in their frame",

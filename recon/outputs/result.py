@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from procmodels.look import Look
 from procmodels.space import Params
 from recon.fitting.uncertainty import Certainty
 from recon.scene import Frames, Scene
@@ -53,6 +54,7 @@ class Result:
     placed        how they got their cameras: REGISTERED, "given" or "estimated"
     size_from     what the height is known from: "--height", "printed sheet", or "" where that goes without saying
     belongs       False when the object is taken to be none of the class; the result is then the nearest one
+    look          colours and texture of the result's parts, None when there are none
     """
 
     class_name: str
@@ -75,6 +77,7 @@ class Result:
     placed: str = REGISTERED
     belongs: bool = True
     size_from: str = ""
+    look: Look | None = None
 
     def __post_init__(self) -> None:
         n = len(self.scene.cameras)

@@ -19,6 +19,7 @@ import numpy as np
 
 from procmodels import Model
 from procmodels.export import Asset, export_glb, export_obj, save_blend
+from procmodels.look import srgb
 from procmodels.shape import Shape
 from procmodels.space import Choice, Integer, Parameter, Scalar
 from procmodels.stl import export_stl
@@ -71,7 +72,8 @@ def run(result: Result, out: Path, options: OutputsOptions, model: Model) -> Out
     asset = asset_of(result, model)
     size = (options.render_size, options.render_size)
     with publish.replacing(out) as fresh, ThreadPoolExecutor(1) as pool:
-        drawn = pool.submit(render_previews, asset.shape, options.renders, size)  # while Blender writes the meshes
+        # While Blender writes the meshes.
+        drawn = pool.submit(render_previews, asset.shape, options.renders, size, look=result.look)
         _write_meshes(fresh, asset, options)
         _write_json(fresh / "params.json", params_content(result, asset, options))
         if len(result.scene.cameras):
@@ -169,6 +171,7 @@ def params_content(result: Result, asset: Asset, options: OutputsOptions = Outpu
         "class": result.class_name,
         "space_hash": asset.space.hash,
         "values": _plain(result.params),
+        **_colours(asset),
         "parameters": {p.name: _parameter(p, asset) for p in asset.space.parameters},
         "canonical_frame": "X right, faces -Y, Z up, bounding box centred on the origin, longest side 1",
         "size_canonical": [round(float(x), 6) for x in extent],
@@ -180,6 +183,14 @@ def params_content(result: Result, asset: Asset, options: OutputsOptions = Outpu
         "metres_per_sfm_unit": None if metres is None else metres / result.scene.canonical.scale,
         "size_metres": None if metres is None else [round(float(x) * metres, 6) for x in extent],
     }
+
+
+def _colours(asset: Asset) -> dict[str, Any]:
+    """Base colours of the parts, when these are known: sRGB as on the web."""
+    if asset.look is None:
+        return {}
+    values = np.rint(255 * srgb(asset.look.colours)).astype(np.uint8)
+    return {"colours": {p.name: f"#{v.tobytes().hex()}" for p, v in zip(asset.shape.parts, values, strict=True)}}
 
 
 def _parameter(parameter: Parameter, asset: Asset) -> dict[str, Any]:
@@ -205,7 +216,7 @@ def asset_of(result: Result, model: Model) -> Asset:
     metres = None if result.height_m is None else result.height_m / height
     lengths = {} if metres is None else model.lengths(result.params, metres)
     world = result.scene.canonical.world_from_canonical
-    return Asset(shape, model.space, result.params, metres, world, model.live_object, lengths)
+    return Asset(shape, model.space, result.params, metres, world, model.live_object, lengths, result.look)
 
 
 def _write_meshes(folder: Path, asset: Asset, options: OutputsOptions) -> None:

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from procmodels import Model
+from procmodels import look as looks
+from procmodels.look import Look
 from recon import scene
+from recon.appearance import photos as appearance
 from recon.cameras import intrinsics
 from recon.files.pix3d_camera import read_camera
 from recon.fitting import camera_search, quality, refine, uncertainty
@@ -31,8 +34,17 @@ from recon.store import dataclasses_of
 from recon.system.digests import digest_of_input
 
 log = logging.getLogger("recon")
-STAGES = ("mask", "search", LAST)
-KNOWN = (scene, single_mask, camera_search, refine, uncertainty, single_view)  # whose dataclasses are results
+STAGES = ("mask", "search", "colours", LAST)
+KNOWN = (
+    scene,
+    single_mask,
+    camera_search,
+    refine,
+    uncertainty,
+    single_view,
+    appearance,
+    looks,
+)  # whose dataclasses are results
 NEARLY = 0.02  # IoU: another camera this near explains the outline as well
 
 
@@ -63,8 +75,14 @@ def _run(path: Path, out: Path, work: Path, models: list[Model], options: ImageO
         lambda: single_view.search(models, view, options),
     )
     model = next(m for m in models if m.name == searched.class_name)
+    seen = _scene(masked, searched)
+    look = None
+    if not _mask_alone(masked, options):  # there is nothing to take colours from
+        shape = model.build(searched.found.refined.params)
+        look = stages.run("colours", options.look, lambda: appearance.run(shape, seen, options.look)).look
+    result = _result(model, masked, seen, view, searched, look, stages.seconds, options)
     stages.last()
-    return outputs.run(_result(model, masked, view, searched, stages.seconds, options), out, options.outputs, model)
+    return outputs.run(result, out, options.outputs, model)
 
 
 def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
@@ -92,21 +110,33 @@ def _view(path: Path, masked: Masked, options: ImageOptions) -> OneView:
     return seen
 
 
-def _result(
-    model: Model,
-    masked: Masked,
-    view: OneView,
-    searched: Searched,
-    seconds: dict[str, float],
-    options: ImageOptions,
-) -> Result:
-    """What the outputs need; the world is the camera's frame, or a record's."""
+def _mask_alone(masked: Masked, options: ImageOptions) -> bool:
+    """Whether the input is a mask without its picture."""
+    return masked.source == "user" and options.mask is None
+
+
+def _scene(masked: Masked, searched: Searched) -> Scene:
+    """The object before its one camera; the world is the camera's frame, or a record's."""
     found, name = searched.found, masked.frames.names
     cameras = Cameras(name, found.K[None], found.cam_from_world[None], masked.frames.sizes)
     poses = Poses(cameras, masked.frames.paths, np.zeros((0, 3)), np.zeros((0, 1), bool))
     unknown = () if masked.known is None else (~masked.known,)
     silhouettes = Silhouettes(name, (masked.mask,), (masked.source,), np.ones(1, bool), unknown=unknown)
-    seen = Scene(poses, silhouettes, found.refined.canonical)
+    return Scene(poses, silhouettes, found.refined.canonical)
+
+
+def _result(
+    model: Model,
+    masked: Masked,
+    seen: Scene,
+    view: OneView,
+    searched: Searched,
+    look: Look | None,
+    seconds: dict[str, float],
+    options: ImageOptions,
+) -> Result:
+    """What the outputs need."""
+    found = searched.found
     verdict = _judged(quality.run(model, seen, found.refined, 1, "image"), view, found)
     about = About(
         seconds,
@@ -114,8 +144,9 @@ def _result(
         options.height,
         warnings=masked.warnings,
         classes=searched.classes,
-        views="masks" if masked.source == "user" and options.mask is None else "images",
+        views="masks" if _mask_alone(masked, options) else "images",
         placed="estimated" if view.cam_from_model is None else "given",
+        look=look,
     )
     return results.of_views(model, masked.frames, seen, found.refined, verdict, about)
 

@@ -6,10 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from recon.files import recognise
 from recon.files.shape import SHAPES, Kind, Recognised
 from recon.outputs.write import OutputPaths, OutputsOptions
 from recon.pipelines.stages import Redo
 from recon.scene import InputError
+from recon.system.arguments import nameable, readable
+from recon.system.light_open3d import without_plotting
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,7 @@ class Asked:
     seed: int = 0
     input: str | None = None
     redo: Redo = field(default_factory=Redo)
+    plain: bool = False
     up: str | None = None
     front: str | None = None
     masks: Path | None = None
@@ -51,6 +55,22 @@ class Way:
 
 # Either of two flags says the same thing, or one makes the other useless.
 RIVALS = (("intrinsics", "focal_mm"), ("pix3d", "intrinsics"), ("pix3d", "focal_mm"), ("mask", "box"))
+
+
+def check(asked: Asked) -> None:
+    """Raise InputError unless everything that is read is there and the output folder can have its name."""
+    read = (("INPUT", asked.source), *((_option(f), getattr(asked, f)) for f in ("masks", "mask", "pix3d", "cameras")))
+    for option, given in read:
+        if given is not None:
+            readable(given, option)
+    nameable(asked.out, "--out")
+
+
+def run(asked: Asked) -> OutputPaths:
+    """Reconstruct the object, by what INPUT is. Raises InputError or ReconstructionError."""
+    without_plotting()
+    seen = recognise.recognise(asked.source, asked.input)
+    return way_of(asked, seen).run(asked, seen)
 
 
 def way_of(asked: Asked, seen: Recognised) -> Way:
@@ -94,11 +114,20 @@ def _shape(asked: Asked, seen: Recognised) -> OutputPaths:
 
     stands = shape.ShapeOptions(up=asked.up or "auto", front=asked.front or "auto")
     written = OutputsOptions(obj_up=asked.obj_up)
-    options = shape.ShapeRunOptions(asked.class_name, asked.height, asked.seed, asked.redo, stands, outputs=written)
+    options = shape.ShapeRunOptions(
+        asked.class_name,
+        asked.height,
+        asked.seed,
+        asked.redo,
+        stands,
+        look=shape.LookOptions(plain=asked.plain),
+        outputs=written,
+    )
     return shape.run(asked.source, asked.out, seen, options)
 
 
 def _image(asked: Asked, seen: Recognised) -> OutputPaths:
+    from recon.appearance.photos import LookOptions
     from recon.cameras.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.masks.single_mask import checked_doubt, parse_box
     from recon.pipelines import image, mask_set
@@ -116,12 +145,14 @@ def _image(asked: Asked, seen: Recognised) -> OutputPaths:
         intrinsics=parse_intrinsics(asked.intrinsics) if asked.intrinsics else None,
         focal_mm=parse_focal_mm(asked.focal_mm) if asked.focal_mm else None,
         outputs=OutputsOptions(obj_up=asked.obj_up),
+        look=LookOptions(plain=asked.plain),
     )
     pipeline = mask_set if asked.source.is_dir() else image
     return pipeline.run(asked.source, asked.out, options)
 
 
 def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
+    from recon.appearance.photos import LookOptions
     from recon.cameras.intrinsics import parse_focal_mm, parse_intrinsics
     from recon.cameras.sfm_options import PosesOptions
     from recon.files.video import VideoOptions
@@ -143,6 +174,7 @@ def _photos(asked: Asked, seen: Recognised) -> OutputPaths:
         poses=PosesOptions(turntable=asked.turntable),
         video=video,
         outputs=OutputsOptions(obj_up=asked.obj_up),
+        look=LookOptions(plain=asked.plain or seen.kind in (Kind.MASKS, Kind.SPLAT)),  # which are drawn in one colour
     )
     return photos.run(asked.source, asked.out, options)
 

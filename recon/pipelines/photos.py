@@ -7,7 +7,9 @@ from pathlib import Path
 
 from nnproc.infer import WeightsError, load_network
 from procmodels import Model
+from procmodels import look as looks
 from recon import scene
+from recon.appearance import photos as appearance
 from recon.cameras import known_cameras, poses, register_missing, sheet_place, turntable
 from recon.cameras.sfm_options import PosesOptions
 from recon.files import frames, mask_images, sheet_search, video, zipped
@@ -26,8 +28,8 @@ from recon.scene import InputError, Scene
 from recon.store import dataclasses_of
 from recon.system.folders import digest_of
 
-STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", LAST)
-KNOWN = (scene, hull, fit, refine, uncertainty, class_selection)  # whose dataclasses are results
+STAGES = ("frames", "poses", "silhouettes", "align", "hull", "fit", "refine", "colours", LAST)
+KNOWN = (scene, hull, fit, refine, uncertainty, class_selection, appearance, looks)  # whose dataclasses are results
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class ReconOptions:
     hull: hull.HullOptions = field(default_factory=hull.HullOptions)
     fit: fit.FitOptions = field(default_factory=fit.FitOptions)
     refine: refine.RefineOptions = field(default_factory=refine.RefineOptions)
+    look: appearance.LookOptions = field(default_factory=appearance.LookOptions)
     auto: class_selection.AutoOptions = field(default_factory=class_selection.AutoOptions)
     outputs: outputs.OutputsOptions = field(default_factory=outputs.OutputsOptions)
 
@@ -109,6 +112,7 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
     size = real_size.decide(
         options.height, options.ruler, placed.sheets, refined.canonical, chosen.model, refined.params
     )
+    coloured = stages.run("colours", options.look, lambda: _coloured(chosen, seen, options.look))
     about = About(
         stages.seconds,
         options.seed,
@@ -118,6 +122,7 @@ def _run(photos: Path, out: Path, work: Path, models: list[Model], options: Reco
         views=source.views,
         placed=REGISTERED if source.cameras is None else "given",
         size_from=size.source,
+        look=coloured.look,
     )
     result = results.of_views(chosen.model, shots, seen, chosen.refined, verdict, about)
     stages.last()
@@ -163,6 +168,12 @@ def _chosen(
     found = stages.run("fit", key, lambda: fit.run(model, seen, solid, options.fit))
     refined = stages.run("refine", options.refine, lambda: refine.run(model, seen, found, options.refine))
     return class_selection.Chosen(model, refined)
+
+
+def _coloured(chosen: class_selection.Chosen, seen: Scene, options: appearance.LookOptions) -> appearance.Appearance:
+    """The stage "colours": the look of the answer where it stands."""
+    shape = chosen.model.build(chosen.refined.params)
+    return appearance.run(shape, seen.standing(chosen.refined.canonical), options)
 
 
 def _seeded(options: ReconOptions) -> ReconOptions:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from procmodels import Model
+from procmodels.look import Look
 from procmodels.space import Params
 from recon.fitting.quality import Verdict
 from recon.fitting.refine import Refined
@@ -29,6 +30,7 @@ class About:
     views: str = "photos"
     placed: str = REGISTERED
     size_from: str = ""
+    look: Look | None = None
 
 
 def of_views(model: Model, frames: Frames, scene: Scene, refined: Refined, verdict: Verdict, about: About) -> Result:
@@ -73,4 +75,5 @@ def _result(
         placed=about.placed,
         belongs=verdict.belongs,
         size_from=about.size_from,
+        look=about.look,
     )

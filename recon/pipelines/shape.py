@@ -9,7 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from procmodels import Model
+from procmodels import look as looks
+from procmodels.look import Look
 from recon import scene
+from recon.appearance import photos as appearance
+from recon.appearance import shapes as colours
+from recon.appearance.photos import LookOptions
 from recon.files.recognise import Recognised
 from recon.fitting import evidence, quality, shape_fit, uncertainty
 from recon.outputs import write as outputs
@@ -25,8 +30,8 @@ from recon.store import dataclasses_of
 from recon.system.digests import digest_of_input
 
 log = logging.getLogger("recon")
-STAGES = ("shape", "fit", LAST)
-KNOWN = (scene, shape_target, shape_fit, evidence, uncertainty)  # whose dataclasses are results
+STAGES = ("shape", "fit", "colours", LAST)
+KNOWN = (scene, shape_target, shape_fit, evidence, uncertainty, appearance, looks)  # whose dataclasses are results
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,7 @@ class ShapeRunOptions:
     redo: Redo = field(default_factory=Redo)
     shape: ShapeOptions = field(default_factory=ShapeOptions)
     fit: shape_fit.ShapeFitOptions = field(default_factory=shape_fit.ShapeFitOptions)
+    look: LookOptions = field(default_factory=LookOptions)
     outputs: outputs.OutputsOptions = field(default_factory=outputs.OutputsOptions)
 
 
@@ -69,14 +75,20 @@ def _run(
         lambda: {model.name: shape_fit.run(model, target, options.fit) for model in models},
     )
     best = min(models, key=lambda m: fits[m.name].distance)
+    found, shape = fits[best.name], best.build(fits[best.name].params)
+    coloured = stages.run(
+        "colours", options.look, lambda: colours.run(path, target.points, shape, found.canonical, options.look)
+    )
+    result = _result(target, best, fits, coloured.look, stages.seconds, options)
     stages.last()
-    return outputs.run(_result(target, best, fits, stages.seconds, options), out, options.outputs, best)
+    return outputs.run(result, out, options.outputs, best)
 
 
 def _result(
     target: shape_target.Target,
     model: Model,
     fits: dict[str, shape_fit.ShapeFit],
+    look: Look | None,
     seconds: dict[str, float],
     options: ShapeRunOptions,
 ) -> Result:
@@ -90,5 +102,5 @@ def _result(
         ranked = sorted(fits.items(), key=lambda pair: pair[1].distance)
         tried = ", ".join(f"{name} {fit.distance:.4f}" for name, fit in ranked)
         verdict = replace(verdict, explanation=f"{verdict.explanation}; tried {tried}")
-    about = About(seconds, options.seed, options.height, target.warnings)
+    about = About(seconds, options.seed, options.height, target.warnings, look=look)
     return results.of_shape(model, found, met, verdict, about)

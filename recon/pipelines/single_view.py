@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from procmodels import Model
+from recon.appearance.photos import LookOptions
 from recon.fitting.camera_search import FoundView, find, first_look
 from recon.fitting.one_view import CameraSearchOptions, OneView
 from recon.fitting.silhouette_bank import load_bank
@@ -30,6 +31,7 @@ class ImageOptions:
     seed: int = 0
     redo: Redo = field(default_factory=Redo)
     search: CameraSearchOptions = field(default_factory=CameraSearchOptions)
+    look: LookOptions = field(default_factory=LookOptions)
     outputs: OutputsOptions = field(default_factory=OutputsOptions)
 
 

@@ -97,7 +97,8 @@ def _told(out: np.ndarray, scale: float, paper: Paper, sheet: int, below: float)
         draw.line(_pixels(scale, left + mm, line - tall, left + mm, line), fill=0, width=thick)
     font = ImageFont.load_default(size=max(6.0, 3.2 * scale))
     for i, words in enumerate(_words(paper, sheet)):
-        draw.text(_pixels(scale, left, line + 1.5 + 4.2 * i), words, fill=0, font=font)
+        x, y = _pixels(scale, left, line + 1.5 + 4.2 * i)
+        draw.text((x, y), words, fill=0, font=font)
     return np.asarray(picture)
 
 

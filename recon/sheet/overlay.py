@@ -40,7 +40,7 @@ def laid_over(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> t
 
     Squares that do not look like the drawing (something stands on them) are left out.
     """
-    matrix = photo_from_board
+    matrix, patch = photo_from_board, None
     for step, blur in enumerate(BLURS):
         if (patch := _patch(grey, board, matrix)) is None:
             return None
@@ -58,6 +58,7 @@ def laid_over(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> t
         if moved is None:
             return None
         matrix = moved
+    assert patch is not None  # BLURS is not empty
     if _correlation(patch.drawn[mask], patch.photo[mask]) < ALIKE or _inside(patch, board, matrix, seen) < THIS_ONE:
         return None
     return matrix, np.unique(corners_of_squares()[seen])
@@ -69,7 +70,7 @@ def likeness(grey: np.ndarray, board: Board, photo_from_board: np.ndarray) -> fl
         return 0.0
     outline = moved_by(photo_from_board, _outline(board)) - patch.at
     mask = np.zeros(patch.photo.shape, np.uint8)
-    cv2.fillConvexPoly(mask, np.round(outline - 0.5).astype(np.int32), 1)
+    cv2.fillConvexPoly(mask, np.round(outline - 0.5).astype(np.int32), (1,))
     drawn, photo = (cv2.GaussianBlur(a, (0, 0), BLURS[0])[mask > 0] for a in (patch.drawn, patch.photo))
     return _correlation(drawn, photo)
 
@@ -104,7 +105,7 @@ def _patch(grey: np.ndarray, board: Board, matrix: np.ndarray) -> _Patch | None:
     fine_from_photo = np.array([[fine, 0, -0.5 - fine * low[0]], [0, fine, -0.5 - fine * low[1]], [0, 0, 1]])
     picture = board_picture(board, _PER_MM, _EDGE * board.square)
     size = (photo.shape[1] * fine, photo.shape[0] * fine)
-    drawn = cv2.warpPerspective(picture, fine_from_photo @ matrix @ board_from_picture, size, borderValue=255)
+    drawn = cv2.warpPerspective(picture, fine_from_photo @ matrix @ board_from_picture, size, borderValue=(255,))
     drawn = cv2.resize(drawn, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_AREA)
     return _Patch(drawn.astype(np.float32), photo, low.astype(float))
 
@@ -148,7 +149,7 @@ def _square_mask(patch: _Patch, matrix: np.ndarray, place: np.ndarray, side: flo
     ring = place + np.array([(-edge, -edge), (side + edge, -edge), (side + edge, side + edge), (-edge, side + edge)])
     corners, mask = moved_by(matrix, ring) - patch.at, np.zeros(patch.photo.shape, np.uint8)
     if np.abs(corners).max() < 1e4 and cv2.contourArea(corners.astype(np.float32)) >= SMALLEST:
-        cv2.fillConvexPoly(mask, np.round(corners - 0.5).astype(np.int32), 1)
+        cv2.fillConvexPoly(mask, np.round(corners - 0.5).astype(np.int32), (1,))
     return mask.astype(bool)
 
 

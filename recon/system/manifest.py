@@ -22,6 +22,8 @@ WORK = ".recon"  # below the output folder: results of the stages, the manifest,
 FILES = (
     "mesh.glb",
     "mesh.obj",
+    "mesh.mtl",
+    "texture.jpg",
     "mesh.stl",
     "mesh.usdz",
     "model.blend",
@@ -69,7 +71,9 @@ def read(out: Path) -> Manifest:
 
 
 def write(out: Path, manifest: Manifest) -> None:
-    """Store the manifest. Raises OSError."""
+    """Store the manifest. Raises OSError, and ValueError for names that are no result's, which `read` refuses."""
+    if strange := [n for n in (*manifest.files, *(manifest.coming or {})) if not _is_result(n)]:
+        raise ValueError(f"{strange[0]} is no file of a result: FILES lacks it")
     content = {"files": manifest.files, "coming": manifest.coming, "checksum": _checksum(manifest)}
     write_bytes(out / WORK / NAME, (json.dumps(content, indent=1) + "\n").encode(), durable=True)
 

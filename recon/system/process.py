@@ -40,7 +40,7 @@ def run(main: Callable[[], int]) -> int:
     sys.stdout, sys.stderr = _Patient(sys.stdout, 1), _Patient(sys.stderr, 2)
     stop = _Stop()
     try:
-        with _temporary_files() as stop.folder:
+        with temporary_files() as stop.folder:
             return main()
     except BaseException:
         if not stop.number:
@@ -118,7 +118,7 @@ def signals_kept() -> Iterator[None]:
 
 
 @contextmanager
-def _temporary_files() -> Iterator[Path]:
+def temporary_files() -> Iterator[Path]:
     """All temporary files, of libraries and children too, in one folder that goes with this process.
 
     A killed process cannot remove its own; the next one does.

@@ -20,11 +20,15 @@ from recon.system import scratch
 NAME = "lock"
 
 
+class Busy(InputError):
+    """Another process uses the folder; when it has ended, the same can be done."""
+
+
 @contextlib.contextmanager
 def held(folder: Path, shown_as: Path) -> Iterator[None]:
     """Hold the lock of `folder` (which exists) while the block runs.
 
-    Raises InputError, which says who holds it, when another process does; OSError when the file cannot be written.
+    Raises Busy, which says who holds it, when another process does; OSError when the file cannot be written.
     """
     path = folder / NAME
     descriptor = _opened(path, shown_as)
@@ -45,7 +49,7 @@ def _opened(path: Path, shown_as: Path) -> int:
             locked = _lock(descriptor)
             holder = _holder(descriptor)
             if not locked or _runs(holder):
-                raise InputError(_refusal(holder, shown_as))
+                raise Busy(_refusal(holder, shown_as))
             if _is_still(descriptor, path):
                 return descriptor
         except BaseException:

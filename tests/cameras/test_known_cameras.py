@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from recon.cameras import known_cameras
 from recon.cameras.intrinsics import held, parse_focal_mm, parse_intrinsics
 from recon.cameras.pair_selection import camera_groups
+from recon.command import main
 from recon.files import colmap_model, transforms_json
 from recon.files import frames as frames_stage
 from recon.files.video import VideoOptions
@@ -23,7 +24,6 @@ from recon.masks import silhouettes
 from recon.outputs import camera_export
 from recon.pipelines import photo_source
 from recon.scene import Cameras, Frames, InputError, Poses
-from run_recon import main
 
 SHIPPED = Path(__file__).parents[2] / "datasets" / "samples" / "chair"
 SIZE = (96, 72)

@@ -11,10 +11,10 @@ from skimage import data
 
 from recon.cameras import poses, turntable
 from recon.cameras.sfm_options import PosesOptions
+from recon.command import main
 from recon.files import frames as frames_stage
 from recon.masks import silhouettes
 from recon.scene import InputError, ReconstructionError
-from run_recon import main
 
 SIZE = (480, 360)
 K = np.array([[520.0, 0, 240], [0, 520.0, 180], [0, 0, 1]])

@@ -9,6 +9,7 @@ from scipy.ndimage import binary_dilation
 
 from datasets import synthetic
 from datasets.hulls import skin
+from datasets.jobs import Pool
 from datasets.synthetic import SyntheticOptions, generate, read, shape_params
 from datasets.voxels import surface_grid
 from procmodels import load
@@ -98,7 +99,7 @@ def test_any_number_of_workers_makes_the_same_files(stool, tmp_path, monkeypatch
     monkeypatch.setattr(synthetic, "SHARD", 2)
     options = SyntheticOptions(train_on=0, train_off=5, test_on=0, test_off=2, train_hull=3, test_hull=2)
     for workers in (1, 2):
-        generate(stool, tmp_path / str(workers), options, workers)
+        generate(stool, tmp_path / str(workers), options, Pool(workers) if workers > 1 else None)
     one, two = ({p.name: p.read_bytes() for p in (tmp_path / w).glob("*.npz")} for w in ("1", "2"))
     assert len(one) == 3 + 1 + 2 + 1
     assert one == two
@@ -109,7 +110,7 @@ def test_any_number_of_workers_makes_the_same_files(stool, tmp_path, monkeypatch
     kept = tmp_path / "2" / "train_off_000000.npz"
     before = kept.stat().st_mtime_ns
     lost.unlink()
-    generate(stool, tmp_path / "2", options, 2)
+    generate(stool, tmp_path / "2", options, Pool(2))
     assert lost.read_bytes() == one[lost.name]
     assert kept.stat().st_mtime_ns == before
     assert not list((tmp_path / "2").glob("*.ply"))

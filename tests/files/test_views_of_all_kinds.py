@@ -15,13 +15,13 @@ import pytest
 from PIL import Image
 from skimage import data
 
+from recon.command import main
 from recon.files import frames, raw_photo, recognise, video, zipped
 from recon.files.frames import FramesOptions
 from recon.files.video import VideoOptions
 from recon.pipelines import photo_source
 from recon.scene import InputError
 from recon.system import limits
-from run_recon import main
 
 COFFEE = Image.fromarray(data.coffee())  # 600 x 400
 

@@ -10,6 +10,7 @@ from nnproc.network import NetworkConfig, NNProc
 from recon.evaluate.data.scenes import drawn_scene, orbit
 from recon.fitting import shape_fit, view_starts
 from recon.fitting.shape_fit import ShapeFitOptions
+from recon.fitting.shape_starts import StartOptions
 from recon.fitting.view_starts import FitOptions
 from recon.geometry import visual_hull
 from recon.shapes import shape_target
@@ -41,5 +42,5 @@ def test_views_start_from_what_it_reads_off_the_hull(model):
 def test_shapes_start_from_what_it_reads_off_their_grids(model):
     shape = model.build(model.space.usual)
     target = shape_target.of_triangles(shape.vertices()[shape.triangles()], ("z",), "boards")
-    few = ShapeFitOptions(random=4, rough=50, fine=100, keep=1, sweeps=1, tries=1)
+    few = ShapeFitOptions(StartOptions(random=4, points=50), fine=100, keep=1, sweeps=1, tries=1)
     assert shape_fit.run(model, target, few).network

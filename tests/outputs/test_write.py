@@ -14,6 +14,7 @@ import pytest
 import trimesh
 
 import procmodels
+from procmodels.look import Look
 from procmodels.space import Choice
 from recon.outputs import camera_export, colmap_export, contact_sheet, report, write
 from recon.outputs.previews import ShadeOptions, render_previews
@@ -79,6 +80,20 @@ def test_everything_is_there_and_nothing_else(written):
         written.contact_sheet,
     ):
         assert_opens(path)
+
+
+def test_colours_reach_the_files_and_the_pictures(result, model, tmp_path):
+    shape = model.build(CHAIR)
+    red = Look(np.tile((0.6, 0.02, 0.02), (len(shape.parts), 1)))
+    out = write.run(replace(result, look=red), tmp_path / "out", SMALL, model)
+    colours = json.loads(out.params_json.read_text())["colours"]
+    assert colours == dict.fromkeys((p.name for p in shape.parts), "#cb2727")
+    assert out.obj.with_suffix(".mtl").is_file()
+    assert "mesh.mtl" in out.report_html.read_text()
+    (seen,) = render_previews(shape, 1, (64, 64), look=red)
+    solid = seen[np.ptp(seen.astype(int), axis=2) > 40]
+    assert len(solid) > 100, "the floor is grey, the object is not"
+    assert (solid[:, 0] > 2 * solid[:, 1]).mean() > 0.8, "all but the border"
 
 
 def test_report_json(written):

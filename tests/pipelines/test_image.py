@@ -330,6 +330,7 @@ def test_a_mask_alone_ends_in_all_outputs(chair, bank, tmp_path, monkeypatch):
     assert "camera given" in report["explanation"]
     assert report["registered"]["how"] == "one mask, camera given"
     assert trimesh.load(paths.glb, force="mesh").extents[1] == pytest.approx(0.9)
+    assert not (tmp_path / "out" / "mesh.mtl").exists(), "a mask has no colours"
     content = json.loads((paths.cameras / "transforms.json").read_text())
     assert content["fl_x"] == pytest.approx(K[0, 0])
 

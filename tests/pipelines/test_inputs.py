@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from recon.command import main, parser
 from recon.files import mask_images
 from recon.files.shape import Kind, Recognised
 from recon.pipelines import photos
 from recon.pipelines.inputs import RIVALS, WAYS, Asked, way_of
 from recon.scene import InputError
-from run_recon import main, parser
 from tests.files.test_recognise import FACES, TETRAHEDRON, obj
 
 GIVEN = {
@@ -44,8 +44,32 @@ KINDS = {
 
 def test_every_flag_of_the_command_is_common_or_in_the_table():
     flags = {a.dest for a in parser()._actions}
-    common = {"help", "photos", "input", "class_name", "out", "height", "obj_up", "seed", "force", "start", "verbose"}
+    common = {
+        "help",
+        "photos",
+        "input",
+        "class_name",
+        "out",
+        "height",
+        "obj_up",
+        "plain",
+        "seed",
+        "force",
+        "start",
+        "verbose",
+    }
     assert flags - common == set(GIVEN) == {f for way in WAYS.values() for f in way.flags}
+
+
+@pytest.mark.parametrize(
+    ("kind", "asked", "plain"),
+    [(Kind.PHOTOS, False, False), (Kind.PHOTOS, True, True), (Kind.MASKS, False, True), (Kind.SPLAT, False, True)],
+)
+def test_what_is_drawn_in_one_colour_gives_no_colours(kind, asked, plain, monkeypatch):
+    given = []
+    monkeypatch.setattr(photos, "run", lambda source, out, options: given.append(options.look.plain))
+    WAYS["photos"].run(Asked(Path("thing"), Path("out"), plain=asked), Recognised(kind, "what it looks like"))
+    assert given == [plain]
 
 
 @pytest.mark.parametrize("row", KINDS)

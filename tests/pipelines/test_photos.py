@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from run_recon import main
+from recon.command import main
+from recon.pipelines.photos import STAGES
 from tests.results import assert_opens
 
 ROOT = Path(__file__).parents[2]
@@ -136,6 +137,9 @@ def _command():
 def test_everything_promised_is_written(finished):
     for name in ("mesh.glb", "mesh.obj", "model.blend", "params.json", "report.json", "report.html"):
         assert_opens(finished / name)
+    assert "map_Kd texture.jpg" in (finished / "mesh.mtl").read_text()
+    assert (finished / "texture.jpg").stat().st_size > 50_000
+    assert "seat" in json.loads((finished / "params.json").read_text())["colours"]
     assert_opens(finished / "contact_sheet.png")
     assert len(list((finished / "masks").glob("*.png"))) >= 25
     report = json.loads((finished / "report.json").read_text())
@@ -161,7 +165,7 @@ def test_finished_stages_are_skipped_and_the_result_is_the_same(finished, caplog
     before = (finished / "params.json").read_text()
     with caplog.at_level("INFO", "recon"):
         assert main([*_command(), "--out", str(finished), "--height", "0.9"]) == 0
-    assert caplog.text.count("skipped") == 7
+    assert caplog.text.count("skipped") == len(STAGES) - 1
     assert (finished / "params.json").read_text() == before
 
 

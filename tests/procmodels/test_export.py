@@ -12,7 +12,8 @@ import pytest
 import trimesh
 
 import procmodels
-from procmodels.export import Asset, export_glb, export_obj, save_blend, with_normals
+from procmodels.export import Asset, export_glb, export_obj, save_blend
+from procmodels.normals import with_normals
 from procmodels.shape import Part
 from procmodels.usd import export_usd
 from tests.made_up import CHAIR, world_from_canonical

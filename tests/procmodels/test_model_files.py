@@ -9,8 +9,8 @@ import pytest
 
 import procmodels
 from procmodels import ModelError, model_file
+from recon.command import main
 from recon.pipelines import class_selection
-from run_recon import main
 from tests.procmodels.touching import all_touch
 
 ROOT = Path(__file__).parents[2]

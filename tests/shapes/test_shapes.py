@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from procmodels.shape import Part, Shape
+from recon.command import main
 from recon.evaluate.metrics import chamfer
 from recon.files.recognise import Kind
 from recon.fitting.evidence import Evidence
@@ -21,7 +22,6 @@ from recon.geometry.triangles import Triangles
 from recon.scene import Canonical, InputError
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions, Target, grids_of, hypotheses
-from run_recon import main
 from tests.results import assert_opens
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}

@@ -9,6 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from nnproc.rays import look_at_cameras
+from recon.command import main
 from recon.files.video import VideoOptions
 from recon.geometry.raster import iou, silhouettes
 from recon.outputs import camera_export
@@ -16,7 +17,6 @@ from recon.pipelines import photo_source
 from recon.scene import Cameras, InputError
 from recon.shapes import splat_rendering, splat_views
 from recon.shapes.splat_rendering import Splat
-from run_recon import main
 
 CHAIR = {"width": 0.45, "depth": 0.5, "leg_height": 0.42, "legs": "support", "arms": "none", "back": "hbar"}
 COUNT = 60_000

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from recon.cameras import known_cameras
+from recon.command import main
 from recon.files.image_library import Library
 from recon.fitting import shape_fit
 from recon.scene import InputError, ReconstructionError
 from recon.system import limits, net, user_files
-from run_recon import main
 
 ROOT = Path(__file__).parents[2]
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

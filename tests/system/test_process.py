@@ -36,7 +36,7 @@ def gone(pid):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_a_child_ends_with_its_parent(tmp_path, number):
     run = f"p = child.start('timeit', '-n1', '-r1', {SLEEP!r}); print(p.pid, flush=True); p.wait()"
-    parent = python(f"from nnproc import child; {run}", tmp_path)
+    parent = python(f"from datasets.jobs import child; {run}", tmp_path)
     pid = int(parent.stdout.readline())
     time.sleep(0.5)
     assert scratch.started(pid)
@@ -45,25 +45,26 @@ def test_a_child_ends_with_its_parent(tmp_path, number):
 
 
 def test_a_child_ends_with_its_parent_where_the_system_does_not_help(tmp_path):
-    tied = f"import os, sys; sys.platform = 'other'; from nnproc import child; child.tie_to(os.getppid()); {SLEEP}"
+    tie = "import os, sys; sys.platform = 'other'; from datasets.jobs import child; child.tie_to(os.getppid())"
+    tied = f"{tie}; os.write(1, b'tied\\n'); {SLEEP}"
     start = f"subprocess.Popen([sys.executable, '-c', {tied!r}])"
     parent = python(f"import subprocess, sys; p = {start}; print(p.pid, flush=True); p.wait()", tmp_path)
     pid = int(parent.stdout.readline())
-    time.sleep(0.5)
+    assert parent.stdout.readline() == "tied\n"
     assert scratch.started(pid)
     parent.kill()
     assert gone(pid)
 
 
 def test_a_child_whose_parent_was_gone_first_does_nothing(tmp_path):
-    child = python("from nnproc import child; child.tie_to(2 ** 22 + 1); print('worked')", tmp_path)
+    child = python("from datasets.jobs import child; child.tie_to(2 ** 22 + 1); print('worked')", tmp_path)
     assert child.communicate()[0] == ""
     assert child.returncode != 0
 
 
 def test_a_child_is_the_module_with_its_arguments(tmp_path):
     run = "child.start('json.tool', '--indent', '3', stdin=subprocess.PIPE)"
-    parent = python(f"import subprocess; from nnproc import child; {run}.communicate('[1]')", tmp_path)
+    parent = python(f"import subprocess; from datasets.jobs import child; {run}.communicate('[1]')", tmp_path)
     assert parent.communicate()[0] == "[\n   1\n]\n"
 
 

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from recon.command import main
 from recon.files import frames, video
 from recon.outputs import publish
 from recon.outputs.write import OutputsOptions, _paths
 from recon.pipelines import image, mask_set, photo_source, photos, shape
-from run_recon import main
 
 Content = Callable[[Path], object]
 
@@ -376,7 +376,7 @@ def test_the_whole_command_beside_the_users_files(tmp_path, monkeypatch, caplog)
     kept = {
         "frames",
         "manifest.json",
-        *(f"{s}.{e}" for s in ("shape", "fit", "mask", "search") for e in ("json", "npz")),
+        *(f"{s}.{e}" for s in ("shape", "fit", "mask", "search", "colours") for e in ("json", "npz")),
     }
     assert {p.name for p in Path("x/.recon").iterdir()} == kept, "nothing half done"
 

@@ -41,6 +41,7 @@ ANSWERS: Prior = {
     "plain": (-3.0, 2.0),
     "unusual": (-0.5, 0.5),
     "edge": (-3.0, 3.0),
+    "unlike": (-0.5, 0.5),
     "sure": (2.0, 2.0),
 }
 NAMES = 0.5  # spread of what a choice's name adds

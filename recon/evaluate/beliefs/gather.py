@@ -20,7 +20,9 @@ from tqdm import tqdm
 from datasets import part_labels
 from datasets.catalogue_object import DataError, RealObject
 from datasets.part_labels import Seen
+from nnproc import outline_net
 from nnproc.infer import WeightsError, load_network
+from nnproc.learn_outlines import part_of
 from procmodels import Model
 from procmodels.space import Params
 from recon.evaluate.beliefs import rows
@@ -63,6 +65,7 @@ class GatherOptions:
     own: int = 40  # of the class's own shapes
     seed: int = 0
     work: Path = Path(".cache/evaluate")
+    outlines: Path | None = None  # 0.safetensors, ...: networks of nnproc.learn_outlines --without; the shipped one
 
 
 @dataclass(frozen=True)
@@ -93,12 +96,19 @@ def run(model: Model, options: GatherOptions) -> list[BeliefRow]:
             if (thing.name, kind) in known:
                 continue
             try:
-                if (row := looked_at(model, thing, kind, options.seed)) is not None:
+                with outline_net.instead(_unseen(thing, options)):
+                    row = looked_at(model, thing, kind, options.seed)
+                if row is not None:
                     rows.append(file, [row])
             except (DataError, ReconError) as error:
                 log.warning("%s is left out: %s", thing.name, error)
     wanted = {t.name for t in todo}
     return [r for r in rows.read(file) if r.name in wanted and r.kind in options.kinds]
+
+
+def _unseen(thing: Thing, options: GatherOptions) -> Path | None:
+    """The network that did not see a thing; own shapes were seen by none."""
+    return options.outlines and options.outlines / f"{part_of(thing.name)}.safetensors"
 
 
 def things(model: Model, options: GatherOptions) -> list[Thing]:

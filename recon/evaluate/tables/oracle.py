@@ -19,6 +19,7 @@ from recon.evaluate.metrics import chamfer
 from recon.files.recognise import Kind
 from recon.fitting import shape_fit
 from recon.fitting.shape_fit import ShapeFitOptions
+from recon.fitting.shape_starts import StartOptions
 from recon.shapes import shape_target
 from recon.shapes.shape_target import ShapeOptions
 
@@ -46,7 +47,7 @@ def oracle(model: Model, mesh: trimesh.Trimesh, options: OracleOptions = OracleO
         for seed in options.seeds:
             target = shape_target.run(file, Kind.MESH, Kind.MESH, ShapeOptions(up="z", front="-y", seed=seed))
             search = ShapeFitOptions(
-                random=SLOW_BUILD if model.live_object else options.random,
+                StartOptions(random=SLOW_BUILD if model.live_object else options.random),
                 keep=options.keep,
                 fine=options.fine,
                 sweeps=options.sweeps,

@@ -12,11 +12,15 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import lru_cache
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from datasets.jobs import Backend, Here, JobError, in_order
 from datasets.voxels import surface_grid
 from nnproc.infer import grids_from_params, load_network, save_network
 from nnproc.losses import VARIANTS
@@ -34,6 +38,7 @@ TASKS = ("1", *METHODS)
 SHORT = "same budget"  # our full loss, trained as briefly as the ablations
 ABLATIONS = {"without KL": "without_kl", "without sim": "without_sim", "without both": "without_both", SHORT: "full"}
 SIMPLE = {"simple": "simple"}
+VARIANT_OF = {**ABLATIONS, **SIMPLE}
 ALL_METHODS = ("spread", "ours", "refined", "paper", "cobyqa", *SIMPLE, *ABLATIONS)
 
 
@@ -50,15 +55,41 @@ class Table1Options:
     work: Path = Path(".cache/evaluate")
 
 
-def run(classes: list[str], options: Table1Options) -> Iterator[Table1Row]:
-    """All rows asked for of the paper's classes, one after another. Raises ModelError and WeightsError."""
+def run(classes: list[str], options: Table1Options, backend: Backend = Here()) -> Iterator[Table1Row]:
+    """All rows asked for of the paper's classes, one after another, measured by any back end.
+
+    Raises ModelError and WeightsError; JobError for a row that a worker cannot measure.
+    """
+    for outcome in in_order(backend.map(one_row, _jobs(classes, options))):
+        if outcome.error is not None:
+            raise JobError(f"a row of Table 1 cannot be measured: {outcome.error}\n{outcome.details}")
+        yield Table1Row(**outcome.value)
+
+
+def _jobs(classes: list[str], options: Table1Options) -> Iterator[dict[str, Any]]:
+    """A job a row. Ablations are trained here, so that no two workers train the same one."""
+    plain = {**asdict(options), "data": str(options.data.absolute()), "work": str(options.work.absolute())}
     for name in classes:
-        model = load(PAPER + name)
-        for grid in options.grids:
-            held_out: list[Case] = []  # built when the first row needs them
-            for method in options.methods:
-                for task in _tasks(method, options):
-                    yield _kept_or_measured(model, grid, task, method, options, held_out)
+        for grid, method in product(options.grids, options.methods):
+            if method in VARIANT_OF:
+                _variant_weights(load(PAPER + name), VARIANT_OF[method], options)
+            for task in _tasks(method, options):
+                yield {"options": plain, "class": name, "grid": grid, "task": task, "method": method}
+
+
+def one_row(job: dict[str, Any]) -> dict[str, Any]:
+    """What a worker does: the row of a class, a kind of shapes, a task and a method."""
+    told = dict(job["options"])
+    places = {"data": Path(told["data"]), "work": Path(told["work"])}
+    lists = {name: tuple(told[name]) for name in ("methods", "tasks", "grids")}
+    options = Table1Options(**{**told, **places, **lists})
+    return asdict(_kept_or_measured(load(PAPER + job["class"]), job["grid"], job["task"], job["method"], options))
+
+
+@lru_cache(maxsize=1)
+def _held_out(name: str, grid: str, shapes: int) -> list[Case]:
+    """Built when the first row needs them, and kept for those that follow."""
+    return cases(load(name), grid, shapes)
 
 
 def _tasks(method: str, options: Table1Options) -> list[str]:
@@ -70,21 +101,17 @@ def _tasks(method: str, options: Table1Options) -> list[str]:
     return [t for t in known if t != "1" or method == "ours" or method in ABLATIONS]
 
 
-def _kept_or_measured(
-    model: Model, grid: str, task: str, method: str, options: Table1Options, held_out: list[Case]
-) -> Table1Row:
+def _kept_or_measured(model: Model, grid: str, task: str, method: str, options: Table1Options) -> Table1Row:
     weights = model.weights
-    if method in ABLATIONS or method in SIMPLE:
-        weights = _variant_weights(model, {**ABLATIONS, **SIMPLE}[method], options)
+    if method in VARIANT_OF:
+        weights = _variant_weights(model, VARIANT_OF[method], options)
     digest = hashlib.sha256(weights.read_bytes()).hexdigest()[:12] if weights.is_file() else "none"
     case = f"{model.space.name}_{model.space.hash}_{grid}_{task}_{method}_{options.shapes}_{digest}"
     name = case.replace(" ", "-") + ".json"
     path = options.work / "table1" / name
     if path.is_file():
         return Table1Row(**json.loads(path.read_text()))
-    if not held_out:
-        held_out.extend(cases(model, grid, options.shapes))
-    row = _measured(model, grid, task, method, weights, options, held_out)
+    row = _measured(model, grid, task, method, weights, options, _held_out(model.name, grid, options.shapes))
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps(asdict(row)))

@@ -14,14 +14,18 @@ import json
 import logging
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from datasets.catalogues import DataError, RealObject, objects
+from datasets.jobs import Backend, Here, in_order
 from procmodels import Model, load
+from procmodels.registry import PAPER
 from recon.evaluate.tables.oracle import OracleOptions, oracle
 from recon.evaluate.tables.real_answers import INPUTS
 from recon.evaluate.tables.real_pictures import object_picture, worst_sheet
@@ -52,16 +56,40 @@ class Table2Options:
     work: Path = Path(".cache/evaluate")
 
 
-def run(options: Table2Options) -> Iterator[list[Table2Row]]:
-    """The rows of one object after another. Raises DataError for unusable data, ModelError, WeightsError."""
+def run(options: Table2Options, backend: Backend = Here()) -> Iterator[list[Table2Row]]:
+    """The rows of one object after another, measured by any back end.
+
+    Raises DataError for unusable data, ModelError, WeightsError.
+    """
+    plain = {**asdict(options), "data": [str(p.absolute()) for p in options.data], "work": str(options.work.absolute())}
     for class_name in options.classes:
-        todo = _listed(options, class_name)
-        model = load(class_name)
-        for item in tqdm(todo, desc=class_name, disable=None):
-            try:
-                yield measured(model, item, options)
-            except DataError as error:
-                log.warning("left out: %s", error)
+        count = len(_listed(options, class_name))
+        jobs = ({"options": plain, "class": class_name, "number": number} for number in range(count))
+        outcomes = in_order(backend.map(one_object, jobs))
+        for outcome in tqdm(outcomes, total=count, desc=class_name, disable=None):
+            if outcome.error is not None or "left_out" in outcome.value:
+                log.warning("left out: %s", outcome.error or outcome.value["left_out"])
+            else:
+                yield [Table2Row.from_json(row) for row in outcome.value["rows"]]
+
+
+def one_object(job: dict[str, Any]) -> dict[str, Any]:
+    """What a worker does: {"rows"} of an object of a class, or {"left_out"}, why it cannot be used."""
+    told = dict(job["options"])
+    places = {"data": tuple(map(Path, told["data"])), "work": Path(told["work"])}
+    lists = {"classes": tuple(told["classes"]), "inputs": tuple(told["inputs"])}
+    search = OracleOptions(**{**told["oracle"], "seeds": tuple(told["oracle"]["seeds"])})
+    options = Table2Options(**{**told, **places, **lists, "oracle": search})
+    try:
+        item = _kept_list(options, job["class"])[job["number"]]
+        return {"rows": [row.as_json() for row in measured(load(job["class"]), item, options)]}
+    except DataError as error:
+        return {"left_out": str(error)}
+
+
+@cache
+def _kept_list(options: Table2Options, class_name: str) -> list[RealObject]:
+    return _listed(options, class_name)
 
 
 def _listed(options: Table2Options, class_name: str) -> list[RealObject]:
@@ -69,7 +97,7 @@ def _listed(options: Table2Options, class_name: str) -> list[RealObject]:
     lists = []
     for path in options.data:
         try:
-            lists.append(objects(path, class_name)[: options.limit])
+            lists.append(objects(path, class_name.removeprefix(PAPER))[: options.limit])
         except DataError as error:
             if len(options.data) == 1 and len(options.classes) == 1:
                 raise
@@ -84,20 +112,21 @@ def measured(model: Model, item: RealObject, options: Table2Options) -> list[Tab
     trained = weights.read_bytes() if weights.is_file() else b""
     about = f"{code_version()} {model.space.hash} {options.seed} {options.oracle}"
     key = hashlib.sha256(about.encode() + trained).hexdigest()[:8]
-    name = f"{item.data}_{item.class_name}_{item.name}".replace("/", "-").replace(" ", "-")
+    name = picture_name(item.data, model.name, item.name)
     folder = options.work / "table2"
     file = folder / f"{name}_{key}.json"
     kept = {r["input"]: r for r in json.loads(file.read_text())} if file.is_file() else {}
     if not (missing := [i for i in options.inputs if i not in kept]):
         return [Table2Row.from_json(kept[i]) for i in options.inputs]
     mesh = item.load()
-    seed = zlib.crc32(name.encode()) + options.seed
+    # Whatever is fitted to an object, it is seen from the same places.
+    seed = zlib.crc32(picture_name(item.data, item.class_name, item.name).encode()) + options.seed
     best_params, best = (
         oracle(model, mesh, options.oracle) if not kept else ({}, min(r["oracle"] for r in kept.values()))
     )
     rows = [Table2Row.from_json(r) for r in kept.values()]
     for input_name in missing:
-        row = Table2Row(item.data, item.class_name, input_name, item.name, oracle=best)
+        row = Table2Row(item.data, model.name, input_name, item.name, oracle=best)
         try:
             found = INPUTS[input_name](model, mesh, seed)
         except ReconError as error:
@@ -119,6 +148,11 @@ def measured(model: Model, item: RealObject, options: Table2Options) -> list[Tab
     write_rows(rows, file)
     found_rows = {r.input: r for r in rows}
     return [found_rows[i] for i in options.inputs]
+
+
+def picture_name(data: str, class_name: str, name: str) -> str:
+    """What the files of an object are called."""
+    return f"{data}_{class_name}_{name}".replace("/", "-").replace(" ", "-")
 
 
 def write_rows(rows: list[Table2Row], file: Path) -> None:
@@ -159,7 +193,7 @@ def summary(rows: list[Table2Row]) -> str:
             continue
         distances = np.array([r.d_chamfer for r in done])
         best = float(np.mean([r.oracle for r in done]))
-        paper = PAPER_FIGURES.get(input_name, {}).get(class_name)
+        paper = PAPER_FIGURES.get(input_name, {}).get(class_name.removeprefix(PAPER))
         agreements = [r.iou for r in done if r.iou is not None]
         count = str(len(done)) if len(done) == len(group) else f"{len(done)} of {len(group)}"
         cells = [class_name, input_name, count, f"{distances.mean():.4f}", f"{np.median(distances):.4f}", f"{best:.4f}"]
@@ -184,7 +218,7 @@ def write_worst(rows: list[Table2Row], work: Path) -> list[Path]:
     """A sheet of the worst of each class: worst_CLASS.jpg in the work folder."""
     out = []
     for class_name, group in worst(rows).items():
-        pictures = [work / "table2" / f"{r.data}_{r.class_name}_{r.object}.jpg".replace(" ", "-") for r in group]
-        if sheet := worst_sheet(pictures, work / f"worst_{class_name}.jpg"):
+        pictures = [work / "table2" / f"{picture_name(r.data, r.class_name, r.object)}.jpg" for r in group]
+        if sheet := worst_sheet(pictures, work / f"worst_{class_name.replace('/', '-')}.jpg"):
             out.append(sheet)
     return out

@@ -1,7 +1,8 @@
 """Child processes that end with the process that started them, however that one ends.
 
-`start(module, ...)` runs `python -m nnproc.child PARENT MODULE ARGUMENTS`: the tie is made first, then MODULE runs as
-if it had been started itself. (A hook between fork and exec would be simpler, but may hang where threads run.)
+`start(module, ...)` runs `python -m datasets.jobs PARENT MODULE ARGUMENTS` (__main__.py): the tie is made first, then
+MODULE runs as if it had been started itself. (A hook between fork and exec would be simpler, but may hang where threads
+run.)
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -18,14 +18,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-_ROOT = Path(__file__).resolve().parents[1]  # where the packages are found, installed or not
+_ROOT = Path(__file__).resolve().parents[2]  # where the packages are found, installed or not
 _PR_SET_PDEATHSIG = 1
 _LOOK = 0.5  # seconds between looks at the parent
 
 
 def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
     """Run a module of this project as a child; `options` are subprocess.Popen's."""
-    command = [sys.executable, "-m", "nnproc.child", str(os.getpid()), module, *arguments]
+    command = [sys.executable, "-m", "datasets.jobs", str(os.getpid()), module, *arguments]
     return subprocess.Popen(command, text=True, errors="replace", cwd=_ROOT, **options)
 
 
@@ -43,10 +43,3 @@ def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(_LOOK)
     os._exit(1)
-
-
-if __name__ == "__main__":
-    tie_to(int(sys.argv[1]))
-    module = sys.argv[2]
-    sys.argv = sys.argv[2:]
-    runpy.run_module(module, run_name="__main__", alter_sys=True)
