@@ -16,7 +16,7 @@ from recon.sheet.layout import boards
 
 LEAST = 6  # corners
 LEAST_PHOTOS = 4  # that tell a focal length
-NEARBY = np.linspace(0.93, 1.07, 15)  # of the focal length that EXIF tells, tried
+NEARBY = np.linspace(0.88, 1.12, 25)  # of the focal length that EXIF tells, tried
 CLEAR = 1.15  # times the least error, that the ends of what was tried must have
 FOCALS = np.geomspace(0.5, 2.5, 33)  # of the photo's longest side, tried where nothing tells the focal length
 DECISIVE = 1.5  # times the error that the other of the two ways to see a plane must have
